@@ -286,10 +286,11 @@ def _status(host: Host) -> dict[str, dict[str, dict[str, str]]]:
     """Return the status of the campaign that flies from a host."""
     script = (
         "import json\n"
-        "from wil_campaign.orchestrator.operator.campaign_records import places\n"
-        "from wil_campaign.orchestrator.operator.socket_client import ask\n"
-        "found = places().campaigns\n"
-        "print(json.dumps(ask(found[0].socket, 'status', who='bench') if found else {}))\n"
+        "from wil_campaign.orchestrator.operator.campaign_records import operator_places\n"
+        "from wil_campaign.orchestrator.operator.socket_client import ask_operator_socket\n"
+        "found = operator_places().campaigns\n"
+        "first = found[0].socket if found else None\n"
+        "print(json.dumps(ask_operator_socket(first, 'status', who='bench') if first else {}))\n"
     )
     ended = host.run(sys.executable, "-c", script)
     answer: dict[str, dict[str, dict[str, str]]] = json.loads(ended.stdout or "{}")

@@ -16,7 +16,7 @@ import fcl
 import numpy as np
 from numpy.typing import NDArray
 
-from wil_campaign.worlds.clearance.gjk import posed_distance
+from wil_campaign.worlds.clearance.gjk import posed_convex_distance
 from wil_campaign.worlds.clearance.surfaces import surface_distance, triangle_tree
 from wil_campaign.worlds.frames import Quat, Vec3, matrix_from_quat
 
@@ -113,7 +113,9 @@ def boxes(rng: np.random.Generator, name: str, draw: Callable[..., Placed], bar:
         pqp = pqp_distance(body, FACES, other, FACES)
         exact = np.array([pqp(at) for at in cases])
     theirs = coal_distance(coal.Box(*(2 * BODY)), coal.Box(*(2 * bar)))
-    report(name, cases, exact, ours=lambda at: posed_distance(body, *at, other)[0], coal=theirs)
+    report(
+        name, cases, exact, ours=lambda at: posed_convex_distance(body, *at, other)[0], coal=theirs
+    )
 
 
 def ground(rng: np.random.Generator) -> None:

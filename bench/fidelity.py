@@ -25,7 +25,7 @@ from tests.vehicles.embedded.fidelity.comparison import (
     scatter,
 )
 from tests.vehicles.embedded.fidelity.step_flight import fly_steps
-from wil_campaign.plugins.step_response.comparison import compare, load_ranges
+from wil_campaign.plugins.step_response.comparison import compare_figures, load_ranges
 from wil_campaign.plugins.step_response.figures import figures_of
 
 
@@ -38,7 +38,7 @@ def main() -> None:
         began_s = time.process_time()
         flown, orders = fly_steps(autopilot, arguments.profile)
         cpu_s = time.process_time() - began_s
-        rows = compare(load_ranges(autopilot), figures_of(flown))
+        rows = compare_figures(load_ranges(autopilot), figures_of(flown))
         for row in rows:
             least, most = row.firmware
             mark = "  <--" if row.beyond else ""

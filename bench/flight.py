@@ -29,17 +29,17 @@ os.environ["OPENBLAS_NUM_THREADS"] = "1"  # before NumPy is imported, as in work
 import cv2
 import numpy as np
 
-from wil_campaign.campaigns.expansion.expansion import Options, load_campaign
+from wil_campaign.campaigns.expansion.expansion import ExpansionOptions, load_campaign
 from wil_campaign.foundation.clocks.virtual_loop import run_virtual
 from wil_campaign.foundation.processes.child import ChildProcess
 from wil_campaign.foundation.processes.feed_socket import feed_environment, feed_pair
 from wil_campaign.foundation.processes.fork_server import ForkServer
-from wil_campaign.orchestrator.run.flight.run import fly
+from wil_campaign.orchestrator.run.flight.run import fly_one_run
 from wil_campaign.orchestrator.state.run_setup import RunOrder, RunSetup
 from wil_campaign.safety.guard.core.operator_command import OperatorCommand
 from wil_campaign.vehicles.autopilots.autopilot import (
+    MavlinkTarget,
     MessageRate,
-    Target,
     own_heartbeat,
 )
 from wil_campaign.vehicles.autopilots.registry import autopilot_named
@@ -49,7 +49,7 @@ from wil_campaign.vehicles.embedded.process.process_settings import ProcessSetti
 from wil_campaign.vehicles.embedded.profile import load_profile
 from wil_campaign.vehicles.embedded.vehicle import EmbeddedVehicle
 from wil_campaign.vehicles.links.memory import memory_pair
-from wil_campaign.vehicles.mavlink.codec import Codec
+from wil_campaign.vehicles.mavlink.codec import MavlinkCodec
 from wil_campaign.vehicles.vehicle_server_process import (
     VehicleServerProcess,
     vehicle_program,
@@ -159,14 +159,16 @@ def table_one() -> list[Figure]:
 
 
 def one_run(mode: str, aim: str, floor: str) -> list[Figure]:
-    plan = load_campaign(ROOT / "campaigns/gate.yaml", Options(cases=("large",), modes=(mode,)))
+    plan = load_campaign(
+        ROOT / "campaigns/gate.yaml", ExpansionOptions(cases=("large",), modes=(mode,))
+    )
     rates, sizes = [], []
     for _ in range(_TRIALS):
         with tempfile.TemporaryDirectory() as folder:
             order = RunOrder(plan=plan.runs[0], folder=Path(folder), clock="virtual")
             setup = RunSetup.of(order)
             began_s = time.process_time()
-            result = fly(setup, lambda _: None, Nobody())
+            result = fly_one_run(setup, lambda _: None, Nobody())
             rates.append((result.duration_s or 0.0) / (time.process_time() - began_s))
             sizes.append((Path(folder) / "run.mcap").stat().st_size / 1e6)
     name = f"run in mode {mode} ({result.verdict})"
@@ -188,8 +190,8 @@ async def _hover_cpu_s(autopilot: str, physics: Physics) -> float:
     near, far = memory_pair(latency_s=0.003)
     profile = load_profile("nominal")
     config = EmbeddedConfig(autopilot=autopilot, physics=physics, profile=profile, running_s=60.0)
-    strategy, target = autopilot_named(autopilot), Target(1)
-    codec = Codec(system_id=245, component_id=190)
+    strategy, target = autopilot_named(autopilot), MavlinkTarget(1)
+    codec = MavlinkCodec(system_id=245, component_id=190)
     plan = [MessageRate(number, 50.0) for number in _ESTIMATES]
     async with far, EmbeddedVehicle(config=config, link=near, seed=1) as vehicle:
         for message in (
@@ -214,7 +216,7 @@ def blind_pair(physics: Physics = "jsbsim") -> list[Figure]:
     """Have the pair hover for half a minute, without cameras and mixing."""
     by = [f"vehicles.{name}.physics={physics}" for name in ("real", "twin")]
     sets = ("oracles.reached.required=false", "controls={}", *by)
-    options = Options(cases=("large",), modes=("wil",), sets=sets)
+    options = ExpansionOptions(cases=("large",), modes=("wil",), sets=sets)
     plan = load_campaign(ROOT / "campaigns/gate.yaml", options).runs[0]
     rates = []
     for _ in range(_TRIALS):
@@ -224,7 +226,7 @@ def blind_pair(physics: Physics = "jsbsim") -> list[Figure]:
             out.mkdir()
             setup = _without_cameras(RunOrder(plan=plan, folder=out, clock="virtual"), folder)
             began_s = time.process_time()
-            result = fly(setup, lambda _: None, Nobody())
+            result = fly_one_run(setup, lambda _: None, Nobody())
             rates.append((result.duration_s or 0.0) / (time.process_time() - began_s))
     name = f"pair without cameras, {physics} ({result.verdict})"
     return [Figure.of(name, rates, _PER_CPU, aim="35, then 60", floor="100")]

@@ -37,11 +37,11 @@ from tests.safety.guard.remote_rigs import (
     until,
     words,
 )
-from wil_campaign.foundation.tasks import start, stop
-from wil_campaign.orchestrator.operator.campaign_records import Place, places
+from wil_campaign.foundation.tasks import start_task, stop_tasks
+from wil_campaign.orchestrator.operator.campaign_records import OperatorPlace, operator_places
 from wil_campaign.plugins.mqtt.broker_address import BrokerAddress
 from wil_campaign.plugins.mqtt.message_signing import signed_command
-from wil_campaign.plugins.mqtt.mqtt_operator import MqttSecrets, mqtt_operating
+from wil_campaign.plugins.mqtt.mqtt_operator import MqttSecrets, connected_mqtt_operator
 from wil_campaign.plugins.mqtt.mqtt_setup import MqttSetup
 from wil_campaign.safety.guard.core.commands import BringDown
 from wil_campaign.safety.guard.core.events import GuardSettings
@@ -101,7 +101,7 @@ async def guarded(folder: Path) -> AsyncIterator[tuple[RemoteGuard, Wire]]:
         wires = [Wire(name, system, guard.port(name)) for name, system in SYSTEMS.items()]
         for wire in wires:
             await stack.enter_async_context(wire.link)
-            stack.push_async_callback(stop, start(wire.fly(), name="wire"))
+            stack.push_async_callback(stop_tasks, start_task(wire.fly(), name="wire"))
         await is_received.wait()
         await asyncio.sleep(0.3)
         yield guard, wires[0]
@@ -126,7 +126,7 @@ async def breach(guard: RemoteGuard) -> float:
 
 
 async def by_socket(folder: Path) -> float:
-    (place,) = places().beneath(folder).guards
+    (place,) = operator_places().beneath(folder).guards
     began_s = time.monotonic()  # a place for the connection is part of it
     reader, writer = await asyncio.open_unix_connection(place.socket)
     writer.write(b'{"command": "abort", "who": "bench"}\n')
@@ -137,7 +137,7 @@ async def by_socket(folder: Path) -> float:
 
 async def in_storm(folder: Path) -> float:
     """Abort while a thousand connections a second come to the same socket."""
-    (place,) = places().beneath(folder).guards
+    (place,) = operator_places().beneath(folder).guards
     async with storm(place.socket) as rate_hz:
         if rate_hz < 900.0:
             print(f"the storm came to {rate_hz:.0f} connections a second only", flush=True)
@@ -151,12 +151,12 @@ async def by_mqtt(folder: Path, port: int) -> float:
     fleet = FakeFleet()
     controller = make_controller(folder, fleet)
 
-    def guards() -> tuple[Place, ...]:
-        return places().beneath(folder).guards
+    def guards() -> tuple[OperatorPlace, ...]:
+        return operator_places().beneath(folder).guards
 
     controller.guards = guards
     async with (
-        mqtt_operating(setup, MqttSecrets(token=token), controller),
+        connected_mqtt_operator(setup, MqttSecrets(token=token), controller),
         aiomqtt.Client("127.0.0.1", port) as client,
     ):
 

@@ -26,12 +26,12 @@ import numpy as np
 from mixing import POOL, RECIPE, wall
 from render import cage
 
-from wil_campaign.foundation.files.documents import load
-from wil_campaign.foundation.tasks import start, stop
+from wil_campaign.foundation.files.documents import load_document
+from wil_campaign.foundation.tasks import start_task, stop_tasks
 from wil_campaign.orchestrator.run.perception.mixing_loop import MixingLoop
-from wil_campaign.orchestrator.run.perception.sensor_factory import in_thread
+from wil_campaign.orchestrator.run.perception.sensor_factory import run_sensor_in_thread
 from wil_campaign.orchestrator.state.mixtures import MixedFrame
-from wil_campaign.plugins.outlets.image_delivery import Delivery
+from wil_campaign.plugins.outlets.image_delivery import ImageDelivery
 from wil_campaign.plugins.outlets.rtp import rtp_delivery
 from wil_campaign.plugins.outlets.sdp import RtpAddress
 from wil_campaign.recipes.language.recipe_document import load_recipe
@@ -89,7 +89,7 @@ class Ticker:
 class Rig:
     """One scene at one size and rate."""
 
-    def __init__(self, scene: Scene, size: tuple[int, int], delivery: Delivery | None) -> None:
+    def __init__(self, scene: Scene, size: tuple[int, int], delivery: ImageDelivery | None) -> None:
         self.taken_ms: list[float] = []
         self.offered = 0
         self._delivery = delivery
@@ -97,7 +97,7 @@ class Rig:
         lens = Intrinsics.from_fov(*size, math.radians(69.0))
         self._images = [wall(seed, *size) for seed in range(POOL)]
         self._lens = lens
-        (mixer,) = compile_recipe(load_recipe(load(RECIPE)), object_ids={})
+        (mixer,) = compile_recipe(load_recipe(load_document(RECIPE)), object_ids={})
         images = WorldImages(scene=scene, events={"goal": 0.0})
         self.mixing = MixingLoop(
             name="camera",
@@ -106,7 +106,7 @@ class Rig:
                 source=ThroughLens(images),
                 intrinsics=lens,
                 mount=CameraMount(),
-                compute=in_thread,
+                compute=run_sensor_in_thread,
             ),
             poses=self._poses,
             wait_s=POSE_WAIT_S,
@@ -144,7 +144,7 @@ class Rig:
 
 async def measure(bench: Rig, hz: float, seconds: float) -> None:
     """Run the bench."""
-    mixing = start(bench.mixing.run(), name="mixing")
+    mixing = start_task(bench.mixing.run(), name="mixing")
     poses, camera = Ticker(POSE_HZ, bench.pose), Ticker(hz, bench.exposed)
     await asyncio.sleep(WARM_UP_S)
     bench.forget()
@@ -152,7 +152,7 @@ async def measure(bench: Rig, hz: float, seconds: float) -> None:
     for ticker in (camera, poses):
         await asyncio.to_thread(ticker.stop)
     await asyncio.sleep(0.2)
-    await stop(mixing)
+    await stop_tasks(mixing)
 
 
 async def run(name: str, scene: Scene, arguments: argparse.Namespace) -> None:
@@ -195,7 +195,7 @@ def main() -> None:
     arguments = parser.parse_args()
     cv2.setNumThreads(1)
     print(f"load before: {os.getloadavg()[0]:.1f} on {len(os.sched_getaffinity(0))} cores")
-    world = World.parse(load(WORLD))
+    world = World.parse(load_document(WORLD))
     for name, scene in (("gate world", world.scene("wil", "Wv")), ("20,000 triangles", cage())):
         asyncio.run(run(name, scene, arguments))
 

@@ -18,16 +18,16 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from tests.ports import free_port
 from wil_campaign.safety.guard.core.events import GuardedVehicle
-from wil_campaign.safety.guard.process.guard_config import GuardConfig, Guarded
+from wil_campaign.safety.guard.process.guard_config import GuardConfig, GuardedVehicleConfig
 from wil_campaign.safety.guard.process.remote_guard import RemoteGuard
-from wil_campaign.vehicles.autopilots.autopilot import Target
+from wil_campaign.vehicles.autopilots.autopilot import MavlinkTarget
 from wil_campaign.vehicles.autopilots.registry import autopilot_named
 from wil_campaign.vehicles.driver import Driver
 from wil_campaign.vehicles.embedded.process.process_settings import ProcessSettings
 from wil_campaign.vehicles.errors import VehicleError
 from wil_campaign.vehicles.links.link_factory import open_link
 from wil_campaign.vehicles.links.link_strings import parse_link
-from wil_campaign.vehicles.mavlink.codec import Codec
+from wil_campaign.vehicles.mavlink.codec import MavlinkCodec
 from wil_campaign.vehicles.setpoints import VelocitySetpoint
 
 NAMES = ("real", "twin")
@@ -77,7 +77,7 @@ def program(name: str, port: int) -> list[str]:
 
 def decode_rate() -> None:
     """Frames of a vehicle's telemetry, split and decoded."""
-    codec = Codec(system_id=1, component_id=1)
+    codec = MavlinkCodec(system_id=1, component_id=1)
     stream = b"".join(
         codec.pack(message)
         for _ in range(20_000)
@@ -140,9 +140,9 @@ class Pair:
             folder=folder,
             epoch_s=time.time() - asyncio.get_running_loop().time(),
             vehicles={
-                name: Guarded(
+                name: GuardedVehicleConfig(
                     vehicle=GuardedVehicle(
-                        autopilot=autopilot_named("px4"), target=Target(number + 1)
+                        autopilot=autopilot_named("px4"), target=MavlinkTarget(number + 1)
                     )
                 )
                 for number, name in enumerate(NAMES)

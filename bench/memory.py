@@ -18,7 +18,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from wil_campaign.foundation.files.documents import parse
+from wil_campaign.foundation.files.documents import parse_document
 from wil_campaign.recipes.language.recipe_document import load_recipe
 from wil_campaign.recipes.pipeline.pipeline import Mixer, compile_recipe
 from wil_campaign.vehicles.readings import (
@@ -155,7 +155,9 @@ def mix_some(mixers: tuple[Mixer, ...], readings: Readings, from_s: int, for_s: 
 
 def mixers_of_all_kinds() -> tuple[Mixer, ...]:
     """Return the recipe's mixers, made ready."""
-    return compile_recipe(load_recipe(parse(RECIPE.encode(), name="bench.yaml")), object_ids={})
+    return compile_recipe(
+        load_recipe(parse_document(RECIPE.encode(), name="bench.yaml")), object_ids={}
+    )
 
 
 def resident_mb() -> float:

@@ -14,7 +14,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from wil_campaign.foundation.files.documents import load
+from wil_campaign.foundation.files.documents import load_document
 from wil_campaign.recipes.language.recipe_document import load_recipe
 from wil_campaign.recipes.pipeline.pipeline import Mixer, compile_recipe
 from wil_campaign.vehicles.readings import BgrImage, CameraReading, Source
@@ -97,7 +97,7 @@ def compare(size: tuple[int, int], frames: int) -> None:
     """Print one size: frames per second, percentiles, and the ratio to the bare calls."""
     real = [wall(seed, *size) for seed in range(POOL)]
     twin = [with_gate(wall(seed + POOL, *size)) for seed in range(POOL)]
-    (mixer,) = compile_recipe(load_recipe(load(RECIPE)), object_ids={})
+    (mixer,) = compile_recipe(load_recipe(load_document(RECIPE)), object_ids={})
     calls = {
         "bare OpenCV": bare(real, twin),
         "gate recipe": ours(

@@ -19,7 +19,7 @@ import numpy as np
 
 from wil_campaign.foundation.clocks.sleeping import sleep_until
 from wil_campaign.foundation.clocks.virtual_loop import run_virtual
-from wil_campaign.foundation.files.documents import parse
+from wil_campaign.foundation.files.documents import parse_document
 from wil_campaign.orchestrator.run.perception.mixing_loop import MixingLoop, RegistrationError
 from wil_campaign.orchestrator.run.perception.registration_error import (
     box_corners,
@@ -97,7 +97,7 @@ def orange_at(image: np.ndarray) -> Vec3 | None:
 
 def fly(align: str, seconds: float) -> Seen:
     """Return what comes of a flight past the gate."""
-    shape = shapes.gate("square", 1.0, 0.1)
+    shape = shapes.gate_shape("square", 1.0, 0.1)
     gate = SceneObject(1, "gate", shape, pose=Pose.of(AHEAD_M, 0.0, UP_M))
     images = WorldImages(scene=Scene((gate,)), events={})
     corners = [gate.pose.to_parent(corner) for corner in box_corners(gate)]
@@ -125,7 +125,7 @@ def fly(align: str, seconds: float) -> Seen:
         if a is not None and b is not None:
             seen.moved_px.append(math.hypot(a[0] - b[0], a[1] - b[1]))
 
-    recipe = load_recipe(parse(RECIPE.format(align=align).encode(), name="bench.yaml"))
+    recipe = load_recipe(parse_document(RECIPE.format(align=align).encode(), name="bench.yaml"))
     (mixer,) = compile_recipe(recipe, object_ids={})
     poses = PoseHistory(2.0)
     loop = MixingLoop(

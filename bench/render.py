@@ -22,11 +22,11 @@ import numpy as np
 from wil_campaign.worlds.camera import Intrinsics
 from wil_campaign.worlds.clearance.clearance import BoxShape, ClearanceProbe
 from wil_campaign.worlds.frames import Pose, matrix_from_quat
-from wil_campaign.worlds.rays.raycast import RayCaster
+from wil_campaign.worlds.rays.raycast import SceneRayCaster
 from wil_campaign.worlds.render.renderer import Renderer, RenderOutput
 from wil_campaign.worlds.scene import meshes, shapes
 from wil_campaign.worlds.scene.meshes import FloatArray, Material, Mesh
-from wil_campaign.worlds.scene.parts import Part, SurfaceShape
+from wil_campaign.worlds.scene.parts import SolidPart, SurfaceShape
 from wil_campaign.worlds.scene.scene import Scene, SceneObject
 from wil_campaign.worlds.scene.shapes import Shape
 
@@ -46,29 +46,29 @@ def hills(side: int = 42) -> Mesh:
     c, d = index[1:, 1:].ravel(), index[1:, :-1].ravel()
     faces = np.concatenate([np.stack([a, c, b], -1), np.stack([a, d, c], -1)])
     corners = np.stack([north, east, down], axis=-1).reshape(-1, 3)
-    return meshes.from_triangles(corners, faces, Material((110, 120, 90)))
+    return meshes.mesh_from_triangles(corners, faces, Material((110, 120, 90)))
 
 
 def as_shape(mesh: Mesh) -> Shape:
     """Return a mesh as a thing whose surface can be touched, as mesh files are."""
     surface = SurfaceShape(mesh.vertices_m, mesh.faces)
-    return Shape("mesh", mesh, (Part("surface", surface, Pose((0.0, 0.0, 0.0))),))
+    return Shape("mesh", mesh, (SolidPart("surface", surface, Pose((0.0, 0.0, 0.0))),))
 
 
 def cage() -> Scene:
     """Return a flight cage with about 20,000 triangles of the built-in things and a mesh."""
     things = [
-        (shapes.room(6, 6, 2.5), Pose.of(2, 0, 0)),
-        (shapes.gate("square", 1.0, 0.1), Pose.of(3, 0, 1.2)),
-        (shapes.gate("ring", 0.8, 0.06, (200, 40, 40)), Pose.of(4, 1.2, 1.4, yaw_rad=0.5)),
+        (shapes.room_shape(6, 6, 2.5), Pose.of(2, 0, 0)),
+        (shapes.gate_shape("square", 1.0, 0.1), Pose.of(3, 0, 1.2)),
+        (shapes.gate_shape("ring", 0.8, 0.06, (200, 40, 40)), Pose.of(4, 1.2, 1.4, yaw_rad=0.5)),
         (as_shape(hills()), Pose.of(2, 0, 0)),
     ]
     things += [
-        (shapes.person(), Pose.of(3.2 + 0.4 * k, -2.2 + 0.9 * k, 0, yaw_rad=2.0 + k))
+        (shapes.person_shape(), Pose.of(3.2 + 0.4 * k, -2.2 + 0.9 * k, 0, yaw_rad=2.0 + k))
         for k in range(5)
     ]
     things += [
-        (shapes.quadrotor(0.4), Pose.of(2.2 + 0.5 * k, 1.2 - 0.6 * k, 1.7, roll_rad=0.1 * k))
+        (shapes.quadrotor_shape(0.4), Pose.of(2.2 + 0.5 * k, 1.2 - 0.6 * k, 1.7, roll_rad=0.1 * k))
         for k in range(5)
     ]
     named = enumerate(things, start=1)
@@ -155,7 +155,7 @@ def compare_images(scene: Scene, frames: int) -> list[RenderOutput]:
 def check(scene: Scene, pose: Pose, renderer: Renderer) -> None:
     """Print how far rendered ids and depths agree with rays, so that nothing fast is wrong."""
     picture, directions = renderer.render(pose, CAMERA, 0.0), rays(pose)
-    hits = RayCaster(scene).cast(pose.position_ned_m, directions, 0.0)
+    hits = SceneRayCaster(scene).cast(pose.position_ned_m, directions, 0.0)
     ids = hits.object_ids.reshape(CAMERA.height_px, CAMERA.width_px)
     forward = directions @ matrix_from_quat(pose.q_wxyz)[:, 0]
     depth = (hits.ranges_m * forward).reshape(ids.shape)

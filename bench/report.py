@@ -12,7 +12,7 @@ import tempfile
 import time
 from pathlib import Path
 
-from wil_campaign.orchestrator.reading.results_folder import read_campaign
+from wil_campaign.orchestrator.reading.results_folder import read_campaign_documents
 from wil_campaign.orchestrator.report.campaign_report import write_report
 
 TARGET_S, TARGET_BYTES = 20.0, 25_000_000
@@ -20,7 +20,9 @@ TARGET_S, TARGET_BYTES = 20.0, 25_000_000
 
 def repeat(recorded: Path, count: int, folder: Path) -> None:
     """Write a folder with as many runs, each a link to a recorded one in turn."""
-    entries = [entry for entry in read_campaign(recorded).entries if entry.result is not None]
+    entries = [
+        entry for entry in read_campaign_documents(recorded).entries if entry.result is not None
+    ]
     manifest = json.loads((recorded / "campaign.json").read_text("utf-8"))
     names = []
     for number in range(count):

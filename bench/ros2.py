@@ -24,7 +24,7 @@ from wil_campaign.plugins.ros2.domains import claimed_domain
 from wil_campaign.plugins.ros2.messages.reading_messages import reading_messages
 from wil_campaign.plugins.ros2.messages.ros_messages import IMAGE, TWIST, RosMessages
 from wil_campaign.plugins.ros2.messages.ros_types import dds_name, ros_types
-from wil_campaign.plugins.ros2.messages.setpoint_messages import stamp_of
+from wil_campaign.plugins.ros2.messages.setpoint_messages import setpoint_stamp_of
 from wil_campaign.plugins.ros2.messages.topics import SETPOINTS, sensor_topics
 from wil_campaign.plugins.ros2.node_topics import NodeTopics
 from wil_campaign.plugins.ros2.setpoint_inbox import InTopic, SetpointInbox
@@ -77,7 +77,7 @@ def images(count: int, hz: float, width: int, height: int) -> bool:
     )
 
     def take(message: InMessage) -> None:
-        if message.cdr is not None and (began_ns := sent_ns.pop(stamp_of(message.cdr), 0)):
+        if message.cdr is not None and (began_ns := sent_ns.pop(setpoint_stamp_of(message.cdr), 0)):
             delays_ms.append((time.perf_counter_ns() - began_ns) / 1e6)
         inbox.receive(message)
 

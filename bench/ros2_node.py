@@ -17,7 +17,7 @@ from typing import Any
 import zenoh
 
 from wil_campaign.api import CameraReading, Telemetry, VelocitySetpoint
-from wil_campaign.plugins.ros2.messages.ros_frames import attitude_ned, enu
+from wil_campaign.plugins.ros2.messages.ros_frames import attitude_ned, enu_from_ned
 from wil_campaign.plugins.ros2.messages.ros_messages import (
     CAMERA_INFO,
     IMAGE,
@@ -80,7 +80,7 @@ class Hosted:
     def _act(self, t_s: float, odometry: Any) -> None:
         place, turned = odometry.pose.pose.position, odometry.pose.pose.orientation
         q_wxyz = attitude_ned((turned.w, turned.x, turned.y, turned.z))
-        pose = Pose(enu((place.x, place.y, place.z)), q_wxyz)
+        pose = Pose(enu_from_ned((place.x, place.y, place.z)), q_wxyz)
         moved = odometry.twist.twist.linear
         velocity = rotate(q_wxyz, frd_from_flu((moved.x, moved.y, moved.z)))
         command = self._autonomy.act(Telemetry(t_s, pose, velocity))
@@ -94,7 +94,7 @@ class Hosted:
     def _answer(self, stamp: Any) -> None:
         vector, twist = TYPES.cls("geometry_msgs/msg/Vector3"), TYPES.cls("geometry_msgs/msg/Twist")
         header = TYPES.cls("std_msgs/msg/Header")(stamp, "map")
-        moved = twist(vector(*enu(self._velocity)), vector(0.0, 0.0, -self._turn))
+        moved = twist(vector(*enu_from_ned(self._velocity)), vector(0.0, 0.0, -self._turn))
         self._twists.put(TYPES.serialize(TYPES.cls(TWIST)(header, moved), TWIST))
 
 

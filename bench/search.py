@@ -23,19 +23,19 @@ import numpy as np
 
 from bench.search_table import flight_seed, load_table, shipped_search, summary
 from wil_campaign.campaigns.values.seeds import run_seed
-from wil_campaign.orchestrator.campaign.flight_options import Cleared, FlightOptions
+from wil_campaign.orchestrator.campaign.flight_options import ClearedCampaign, FlightOptions
 from wil_campaign.orchestrator.campaign.workers.run_server import start_run_server
 from wil_campaign.orchestrator.cli.progress_display import SilentDisplay
 from wil_campaign.plugins.search.engine import BatchEngine
 from wil_campaign.plugins.search.exploration.learning_strategies import make_strategy
 from wil_campaign.plugins.search.exploration.model import (
-    Batch,
-    Findings,
+    FlightBatch,
     FlightOutcome,
+    SearchFindings,
     SearchProblem,
 )
 from wil_campaign.plugins.search.exploration.search import Search
-from wil_campaign.plugins.search.exploration.space import Parameter, Space
+from wil_campaign.plugins.search.exploration.space import SearchSpace, SpaceParameter
 from wil_campaign.plugins.search.search_part import StrategyName
 from wil_campaign.plugins.search.search_runner import fly_search
 
@@ -43,14 +43,16 @@ STRATEGIES: tuple[StrategyName, ...] = ("tpe", "sobol", "random")
 _INTERRUPTED = 130
 NOISE = 0.05
 """Standard deviation of a made-up margin under another seed."""
-Find = Callable[[StrategyName, int], Findings]
+Find = Callable[[StrategyName, int], SearchFindings]
 
 
 def made_up(budget: int, jobs: int) -> Find:
     """Return a search for a corner of six numbers that fails: 3 % of two of them."""
     names = "abcdef"
-    space = Space(
-        parameters=tuple(Parameter(name=name, keys=(name,), own=0.5, low=0.0) for name in names)
+    space = SearchSpace(
+        parameters=tuple(
+            SpaceParameter(name=name, keys=(name,), own=0.5, low=0.0) for name in names
+        )
     )
     problem = SearchProblem(
         space=space,
@@ -62,7 +64,7 @@ def made_up(budget: int, jobs: int) -> Find:
         at_once=jobs,
     )
 
-    def fly(batch: Batch, seed: int) -> list[FlightOutcome]:
+    def fly(batch: FlightBatch, seed: int) -> list[FlightOutcome]:
         outcomes = []
         for flight in batch.flights:
             drawn = np.random.default_rng(run_seed(seed, flight.seed_name, flight.repetition))
@@ -72,7 +74,7 @@ def made_up(budget: int, jobs: int) -> Find:
             outcomes.append(FlightOutcome(verdict="FAIL" if failed else "PASS", value=value))
         return outcomes
 
-    def find(strategy: StrategyName, seed: int) -> Findings:
+    def find(strategy: StrategyName, seed: int) -> SearchFindings:
         return drive(problem, strategy, seed, lambda batch: fly(batch, seed))
 
     return find
@@ -82,8 +84,8 @@ def drive(
     problem: SearchProblem,
     strategy: StrategyName,
     seed: int,
-    fly: Callable[[Batch], list[FlightOutcome]],
-) -> Findings:
+    fly: Callable[[FlightBatch], list[FlightOutcome]],
+) -> SearchFindings:
     """Return what a search finds whose batches are not flown."""
     search = Search(problem, make_strategy(strategy, problem.space, seed))
     steps = search.steps()
@@ -104,10 +106,10 @@ def looked_up(name: str, budget: int, jobs: int) -> Find:
     table = load_table(shipped_search(name, seed=0), name)
     print(summary(table))
 
-    def find(strategy: StrategyName, seed: int) -> Findings:
+    def find(strategy: StrategyName, seed: int) -> SearchFindings:
         search = shipped_search(name, seed=seed, sets=_sets(strategy, budget))
 
-        def fly(batch: Batch) -> list[FlightOutcome]:
+        def fly(batch: FlightBatch) -> list[FlightOutcome]:
             return [table.outcome(f.variant.values, flight_seed(seed, f)) for f in batch.flights]
 
         problem = replace(search.problem(at_once=jobs), refuse=lambda _: "")
@@ -123,10 +125,10 @@ def flown(name: str, budget: int, jobs: int, sets: tuple[str, ...] = ()) -> Find
     """
     start_run_server()
 
-    def find(strategy: StrategyName, seed: int) -> Findings:
+    def find(strategy: StrategyName, seed: int) -> SearchFindings:
         search = shipped_search(name, seed=seed, sets=(*_sets(strategy, budget), *sets))
         with tempfile.TemporaryDirectory() as folder:
-            cleared = Cleared("virtual", jobs)
+            cleared = ClearedCampaign("virtual", jobs)
             engine = BatchEngine(cleared=cleared, watcher=SilentDisplay())
             options = FlightOptions(out=Path(folder))
             outcome = fly_search(search, options, cleared, engine, lambda _: None)
@@ -151,12 +153,12 @@ def _sets(strategy: StrategyName, budget: int) -> tuple[str, ...]:
     )
 
 
-def flights_of(findings: Findings) -> int:
+def flights_of(findings: SearchFindings) -> int:
     """Return how many flights a search flew."""
     return sum(cost.flights for cost in findings.costs.values())
 
 
-def row(strategy: str, found: Sequence[Findings]) -> str:
+def row(strategy: str, found: Sequence[SearchFindings]) -> str:
     """Return the figures of a strategy: how often it found one, and in how many flights.
 
     The median of all seeds takes those that found none for later than any; spread: quartiles of it.
@@ -190,7 +192,9 @@ def main() -> None:
         find = looked_up(given.problem, given.budget, given.jobs)
     print("flights to the first confirmed failure, those that confirm it included")
     print("strategy found  median  quartiles       least..most", flush=True)
-    found: dict[StrategyName, list[Findings]] = {strategy: [] for strategy in given.strategies}
+    found: dict[StrategyName, list[SearchFindings]] = {
+        strategy: [] for strategy in given.strategies
+    }
     # Seed by seed, so that flights that are cut short compare all the same.
     for seed in range(1, given.seeds + 1):
         for strategy, findings in found.items():

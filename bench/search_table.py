@@ -17,24 +17,24 @@ from pathlib import Path
 
 import numpy as np
 
-from wil_campaign.campaigns.expansion.expansion import Options
+from wil_campaign.campaigns.expansion.expansion import ExpansionOptions
 from wil_campaign.campaigns.values.seeds import run_seed
-from wil_campaign.orchestrator.campaign.flight_options import Cleared
+from wil_campaign.orchestrator.campaign.flight_options import ClearedCampaign
 from wil_campaign.orchestrator.campaign.workers.run_server import start_run_server
 from wil_campaign.orchestrator.cli.progress_display import SilentDisplay
 from wil_campaign.orchestrator.run_results.run_result import RunResult
 from wil_campaign.plugins.search.engine import BatchEngine
 from wil_campaign.plugins.search.exploration.learning_strategies import make_strategy
 from wil_campaign.plugins.search.exploration.model import (
-    Batch,
-    Flight,
+    FlightBatch,
     FlightOutcome,
     FlownVerdict,
-    Variant,
+    SearchFlightPlan,
+    SearchVariant,
 )
 from wil_campaign.plugins.search.exploration.search_campaign import SearchCampaign
 from wil_campaign.plugins.search.exploration.search_file import load_search
-from wil_campaign.plugins.search.exploration.space import Space, Values
+from wil_campaign.plugins.search.exploration.space import SearchSpace, Values
 
 CAMPAIGNS = Path(__file__).parents[1] / "campaigns"
 TABLES = Path(__file__).parent / "tables"
@@ -51,7 +51,7 @@ _BATCH = 10
 class TablePoint:
     """A point of the table: its variant, and what came of its flights, one for each seed."""
 
-    variant: Variant
+    variant: SearchVariant
     outcomes: tuple[FlightOutcome, ...] = ()
 
     @property
@@ -65,7 +65,7 @@ class TablePoint:
 class Table:
     """Flown points of a space: a flight anywhere is one of those of the nearest point."""
 
-    space: Space
+    space: SearchSpace
     points: tuple[TablePoint, ...]
 
     def outcome(self, values: Values, seed: int) -> FlightOutcome:
@@ -79,13 +79,13 @@ class Table:
         return nearest.outcomes[drawn]
 
 
-def sequence(search: SearchCampaign) -> Iterator[Variant]:
+def sequence(search: SearchCampaign) -> Iterator[SearchVariant]:
     """Yield the variants of the table in their order; those that are not flown are left out."""
     strategy = make_strategy("sobol", search.space, SEED)
     number = 0
     while (proposal := strategy.ask()) is not None:
         number += 1
-        variant = Variant(name=f"t{number:04d}", values=proposal.values)
+        variant = SearchVariant(name=f"t{number:04d}", values=proposal.values)
         if not search.refuse(variant):
             yield variant
 
@@ -130,14 +130,16 @@ class TableFlyer:
         self._search = search
         self._path = TABLES / f"{name}.csv"
         self._names = [parameter.name for parameter in search.space.parameters]
-        self._engine = BatchEngine(cleared=Cleared("virtual", jobs), watcher=SilentDisplay())
+        self._engine = BatchEngine(
+            cleared=ClearedCampaign("virtual", jobs), watcher=SilentDisplay()
+        )
 
-    def fly(self, flights: Iterable[Flight]) -> None:
+    def fly(self, flights: Iterable[SearchFlightPlan]) -> None:
         """Fly flights and write them down."""
         waiting = list(flights)
         while waiting:
             now, waiting = waiting[:_BATCH], waiting[_BATCH:]
-            batch = Batch(number=1, purpose="explore", mode="sim", flights=tuple(now))
+            batch = FlightBatch(number=1, purpose="explore", mode="sim", flights=tuple(now))
             with tempfile.TemporaryDirectory() as folder:
                 campaign = self._search.batch_campaign(batch)
                 runs = self._engine.fly(campaign, Path(folder)).runs
@@ -145,7 +147,7 @@ class TableFlyer:
             self._append((one, runs[name]) for name, one in names.items() if name in runs)
             print(f"{len(waiting)} flights to go", flush=True)
 
-    def _append(self, flown: Iterable[tuple[Flight, RunResult]]) -> None:
+    def _append(self, flown: Iterable[tuple[SearchFlightPlan, RunResult]]) -> None:
         TABLES.mkdir(exist_ok=True)
         is_new = not self._path.exists()
         with self._path.open("a", newline="", encoding="utf-8") as stream:
@@ -176,15 +178,17 @@ def outcome_of(search: SearchCampaign, result: RunResult) -> FlightOutcome:
     )
 
 
-def flights_of(variant: Variant, numbers: Iterable[int]) -> list[Flight]:
+def flights_of(variant: SearchVariant, numbers: Iterable[int]) -> list[SearchFlightPlan]:
     """Return flights of a point, each under a seed of its own."""
     return [
-        Flight(variant=variant, mode="sim", repetition=one, seed_name=variant.name)
+        SearchFlightPlan(variant=variant, mode="sim", repetition=one, seed_name=variant.name)
         for one in numbers
     ]
 
 
-def missing(variants: Sequence[Variant], flown: dict[str, list[FlightOutcome]]) -> list[Flight]:
+def missing(
+    variants: Sequence[SearchVariant], flown: dict[str, list[FlightOutcome]]
+) -> list[SearchFlightPlan]:
     """Return the first flights of points, or, where all have one, the others of the worst."""
     first = [
         f for variant in variants if variant.name not in flown for f in flights_of(variant, (1,))
@@ -205,10 +209,10 @@ def missing(variants: Sequence[Variant], flown: dict[str, list[FlightOutcome]]) 
 def shipped_search(name: str, *, seed: int, sets: tuple[str, ...] = ()) -> SearchCampaign:
     """Return a shipped search as the benchmarks fly it: without images in its recordings."""
     sets = ("record.pictures=none", *sets)
-    return load_search(CAMPAIGNS / f"search-{name}.yaml", Options(seed=seed, sets=sets))
+    return load_search(CAMPAIGNS / f"search-{name}.yaml", ExpansionOptions(seed=seed, sets=sets))
 
 
-def flight_seed(seed: int, flight: Flight) -> int:
+def flight_seed(seed: int, flight: SearchFlightPlan) -> int:
     """Return the seed of a flight of a search."""
     return run_seed(seed, flight.seed_name, flight.repetition)
 

@@ -10,7 +10,7 @@ import json
 import statistics
 import time
 
-from wil_campaign.plugins.mqtt.message_signing import signed, verified
+from wil_campaign.plugins.mqtt.message_signing import signed_message, verified_message
 
 TOPIC = "wil/gate/operator/abort"
 KEY = b"of the bench"
@@ -26,7 +26,7 @@ def main() -> int:
     body, taken_us = json.dumps(BODY).encode(), []
     for _ in range(count):
         begin_ns = time.perf_counter_ns()
-        verified(TOPIC, signed(TOPIC, body, KEY), KEY)
+        verified_message(TOPIC, signed_message(TOPIC, body, KEY), KEY)
         taken_us.append((time.perf_counter_ns() - begin_ns) / 1e3)
     median_us = statistics.median(taken_us)
     print(f"signed and checked: {median_us:.1f} us in the median of {count} (mark {MARK_US:g})")

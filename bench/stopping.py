@@ -21,7 +21,7 @@ from wil_campaign.plugins.step_response.flight import SETPOINT_HZ, StepFlight
 from wil_campaign.plugins.step_response.segments import HEIGHT_M
 from wil_campaign.safety.fence.stopping import (
     AccelerationEstimate,
-    Motion,
+    VehicleMotion,
     stopping_path,
     velocities_ahead,
 )
@@ -50,7 +50,7 @@ class Stops:
         self._driver = driver
         self._acceleration = AccelerationEstimate()
         self._command = VelocityCommand()
-        self._motion = Motion((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+        self._motion = VehicleMotion((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
         self._farthest_m = 0.0
         driver.on_estimate(self._take)
 
@@ -58,7 +58,7 @@ class Stops:
         now_s, velocity = asyncio.get_running_loop().time(), sample.velocity_ned_m_s
         acceleration = self._acceleration.update(velocity, now_s)
         place = sample.pose.position_ned_m
-        self._motion = Motion(place, velocity, acceleration, self._command.velocity(now_s))
+        self._motion = VehicleMotion(place, velocity, acceleration, self._command.velocity(now_s))
         self._farthest_m = max(self._farthest_m, place[0])
 
     async def _send(self, setpoint: VelocitySetpoint | PositionSetpoint, seconds: float) -> None:
@@ -97,7 +97,7 @@ class Stops:
                 return
 
 
-def _predicted_m(motion: Motion) -> list[float]:
+def _predicted_m(motion: VehicleMotion) -> list[float]:
     """Return the lengths of the predicted paths, the one by the present speed first."""
     late_s, braking = SETTINGS.latency_s, SETTINGS.braking_m_s2
     ahead = velocities_ahead(motion, latency_s=late_s, braking_m_s2=braking)

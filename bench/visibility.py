@@ -17,8 +17,8 @@ from pathlib import Path
 from typing import Any
 from unittest.mock import patch
 
-from wil_campaign.campaigns.expansion.expansion import Options, RunPlan, load_campaign
-from wil_campaign.orchestrator.run.flight.run import fly
+from wil_campaign.campaigns.expansion.expansion import ExpansionOptions, RunPlan, load_campaign
+from wil_campaign.orchestrator.run.flight.run import fly_one_run
 from wil_campaign.orchestrator.run.perception.visibility import VisibilityProbe
 from wil_campaign.orchestrator.state.run_setup import RunOrder, RunSetup
 from wil_campaign.safety.guard.core.operator_command import OperatorCommand
@@ -77,7 +77,7 @@ def flight_cpu_s(plan: RunPlan) -> float:
     with tempfile.TemporaryDirectory() as folder:
         setup = RunSetup.of(RunOrder(plan=plan, folder=Path(folder), clock="virtual"))
         began_s = time.process_time()
-        fly(setup, lambda _: None, Nobody())
+        fly_one_run(setup, lambda _: None, Nobody())
         return time.process_time() - began_s
 
 
@@ -86,7 +86,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--pairs", type=int, default=3)
     pairs = parser.parse_args().pairs
-    options = Options(cases=("large",), modes=("wil",), sets=("controls={}",))
+    options = ExpansionOptions(cases=("large",), modes=("wil",), sets=("controls={}",))
     plan = load_campaign(ROOT / "campaigns/gate.yaml", options).runs[0]
     flight_cpu_s(plan)  # compiles, and fills caches
     inside: list[float] = []

@@ -67,7 +67,7 @@ def refuse_other_elements(name: str, upper: Reading, lower: Reading) -> None:
         raise CannotMixError("mismatch", f"{name}: {differs}")
 
 
-class TimeLine(Protocol):
+class ReadingTimeline(Protocol):
     """The last seconds of readings that last, of one sensor, readable at any time (protocol)."""
 
     def add(self, reading: Any) -> None:

@@ -5,7 +5,7 @@ Each of them compiles otherwise what it finds missing, all the same at the same 
 
 from pathlib import Path
 
-from wil_campaign.campaigns.expansion.expansion import Options, load_campaign
+from wil_campaign.campaigns.expansion.expansion import ExpansionOptions, load_campaign
 from wil_campaign.orchestrator.run.perception.warm_up import warm_up
 from wil_campaign.orchestrator.state.run_setup import RunOrder, RunSetup
 
@@ -13,7 +13,7 @@ _ROOT = Path(__file__).parents[1]
 
 
 def main() -> None:
-    options = Options(cases=("large",), modes=("wil",))
+    options = ExpansionOptions(cases=("large",), modes=("wil",))
     plan = load_campaign(_ROOT / "campaigns" / "gate.yaml", options).runs[0]
     warm_up(RunSetup.of(RunOrder(plan=plan, folder=Path(), clock="virtual")))
 

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from wil_campaign.plugins.search.exploration.model import FlightOutcome, Variant
-from wil_campaign.plugins.search.exploration.space import Parameter, Space
+from wil_campaign.plugins.search.exploration.model import FlightOutcome, SearchVariant
+from wil_campaign.plugins.search.exploration.space import SearchSpace, SpaceParameter
 
 BENCH = Path(__file__).parents[1] / "bench"
 
@@ -137,14 +137,16 @@ def test_a_flight_of_the_table_is_one_of_the_nearest_point(benchmark: Any) -> No
 
     points = tuple(
         benchmark.TablePoint(
-            variant=Variant(name=f"t{index:04d}", values={"x": x}),
+            variant=SearchVariant(name=f"t{index:04d}", values={"x": x}),
             outcomes=tuple(map(outcome, values)),
         )
         for index, (x, values) in enumerate(
             [(0.0, [0.9]), (0.3, [0.1, -0.1, 0.2]), (0.7, [0.5]), (1.0, [0.7])]
         )
     )
-    table = benchmark.Table(Space(parameters=(Parameter(name="x", keys=("x",)),)), points)
+    table = benchmark.Table(
+        SearchSpace(parameters=(SpaceParameter(name="x", keys=("x",)),)), points
+    )
     assert {table.outcome({"x": 0.1}, seed).value for seed in range(20)} == {0.9}
     assert {table.outcome({"x": 0.4}, seed).value for seed in range(40)} == {0.1, -0.1, 0.2}
     assert table.outcome({"x": 0.4}, 7) == table.outcome({"x": 0.45}, 7)

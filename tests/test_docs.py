@@ -13,13 +13,13 @@ import wil_campaign.api
 from docs import generate
 from tests.recipes.samples import camera, plain
 from wil_campaign.foundation.files import limits
-from wil_campaign.foundation.files.documents import BadInput, parse
+from wil_campaign.foundation.files.documents import BadInput, parse_document
 from wil_campaign.orchestrator.cli import all_commands, build_app
 from wil_campaign.orchestrator.recording.trajectory import COLUMNS
 from wil_campaign.plugins.paper_xml.paper_xml import parse_paper_xml
 from wil_campaign.recipes.language.recipe_document import load_recipe
 from wil_campaign.recipes.model.recipe import Recipe
-from wil_campaign.recipes.model.registry import STAGES, steps
+from wil_campaign.recipes.model.registry import STAGES, registered_steps
 from wil_campaign.recipes.pipeline.pipeline import compile_recipe
 
 ROOT = Path(__file__).parents[1]
@@ -54,7 +54,7 @@ def blocks(language: str) -> list[str]:
 
 
 def loaded(text: str) -> Recipe:
-    return load_recipe(parse(text.encode(), name="docs/recipes.md"))
+    return load_recipe(parse_document(text.encode(), name="docs/recipes.md"))
 
 
 @pytest.mark.parametrize("text", blocks("yaml"), ids=range(len(blocks("yaml"))))
@@ -80,13 +80,13 @@ def tables() -> dict[str, list[tuple[str, str]]]:
 
 
 def sensors_of(name: str, stage: str) -> tuple[str, ...]:
-    (kind,) = (kind for kind in steps() if (kind.name, kind.stage) == (name, stage))
+    (kind,) = (kind for kind in registered_steps() if (kind.name, kind.stage) == (name, stage))
     return tuple(kind.sensors)
 
 
 def test_every_step_stands_on_the_page() -> None:
     listed = [(name, stage) for stage, rows in tables().items() for name, _ in rows]
-    assert sorted(listed) == sorted((kind.name, kind.stage) for kind in steps())
+    assert sorted(listed) == sorted((kind.name, kind.stage) for kind in registered_steps())
 
 
 @pytest.mark.parametrize(
@@ -98,7 +98,9 @@ def test_every_example_of_a_step_is_understood(
 ) -> None:
     (tmp_path / "my_steps.py").write_text(blocks("python")[0] + MORE_STEPS)
     sensors = sensors_of(name, stage)
-    works_on_all = len(sensors) == len({sensor for kind in steps() for sensor in kind.sensors})
+    works_on_all = len(sensors) == len(
+        {sensor for kind in registered_steps() for sensor in kind.sensors}
+    )
     given = FITTING.get(name, "camera" if works_on_all else sensors[-1])
     made = GIVES.get(name, given)
     beside = f"{stage}: [{example}], merge: {MERGES.get(made, 'overlay')}"
@@ -107,7 +109,7 @@ def test_every_example_of_a_step_is_understood(
         f"schema: wil/recipe/1\nsensors: {{s: {{type: {made}, twin_type: {given}}}}}\n"
         f"combine:\n  - {{sensor: s, {step}}}"
     )
-    document = parse(text.encode(), name="example", path=tmp_path / "r.yaml")
+    document = parse_document(text.encode(), name="example", path=tmp_path / "r.yaml")
     if name == "isolate_detections":
         with pytest.raises(BadInput, match=r"there is no file 'yolo\.onnx'"):
             load_recipe(document)
@@ -122,7 +124,7 @@ def test_the_own_step_on_the_page_works(tmp_path: Path) -> None:
         "  - {sensor: s, filter: [{use: 'my_steps.py:desaturate', with: {amount: 1.0}}],"
         " merge: overlay}"
     )
-    recipe = load_recipe(parse(text.encode(), name="r.yaml", path=tmp_path / "r.yaml"))
+    recipe = load_recipe(parse_document(text.encode(), name="r.yaml", path=tmp_path / "r.yaml"))
     (mixer,) = compile_recipe(recipe, object_ids={})
     mixed = mixer.mix(camera(source="real"), camera(plain((0, 90, 180))), now_s=1.0).reading
     assert mixed is not None

@@ -35,12 +35,12 @@ Restamp = Callable[[T, T], T]
 """Returns an old value with the times and number of a new one."""
 
 
-class FaultError(ValueError):
+class FaultTextError(ValueError):
     """A text is not a fault to inject; says which there are."""
 
 
 @dataclass(frozen=True, slots=True)
-class Fault:
+class InjectedFault:
     """A fault to inject into a vehicle.
 
     motor: 0 to 3, PX4's order. factor: the remaining fraction of its thrust. kind: of a signal's
@@ -67,7 +67,7 @@ class Fault:
         return f"{what}@{_digits(self.after_s)}" if self.after_s else what
 
 
-def parse_fault(text: str) -> Fault:
+def parse_fault(text: str) -> InjectedFault:
     """Return the fault in a text: "kill", "mute@5+2", "motor 2 0.5@12". Raises FaultError."""
     what, at, moment = text.partition("@")
     name, *rest = what.split() or [""]
@@ -76,12 +76,12 @@ def parse_fault(text: str) -> Fault:
         raise _unknown_fault(text)
     if name == "motor":
         motor, factor = _parse_motor(text, rest)
-        return Fault("motor", motor, factor, after_s=after_s, for_s=for_s)
+        return InjectedFault("motor", motor, factor, after_s=after_s, for_s=for_s)
     if name in _SIGNALS and len(rest) == 1 and rest[0] in get_args(FaultKind):
         kind = cast("FaultKind", rest[0])
-        return Fault(cast("FaultName", name), kind=kind, after_s=after_s, for_s=for_s)
+        return InjectedFault(cast("FaultName", name), kind=kind, after_s=after_s, for_s=for_s)
     if name in get_args(FaultName) and name not in _SIGNALS and not rest:
-        return Fault(cast("FaultName", name), after_s=after_s, for_s=for_s)
+        return InjectedFault(cast("FaultName", name), after_s=after_s, for_s=for_s)
     raise _unknown_fault(text)
 
 
@@ -110,8 +110,8 @@ def _parse_moment(text: str, moment: str) -> tuple[float, float | None]:
     return after_s, for_s
 
 
-def _unknown_fault(text: str) -> FaultError:
-    return FaultError(f"{text!r} is not a fault; {_THERE_ARE}")
+def _unknown_fault(text: str) -> FaultTextError:
+    return FaultTextError(f"{text!r} is not a fault; {_THERE_ARE}")
 
 
 def _digits(seconds: float) -> str:

@@ -11,7 +11,7 @@ from typing import Annotated, ClassVar, Protocol
 from pydantic import Field
 
 from wil_campaign.foundation.files.documents import Part
-from wil_campaign.foundation.files.paths import expanded
+from wil_campaign.foundation.files.paths import expanded_path
 from wil_campaign.vehicles.errors import VehicleError
 from wil_campaign.vehicles.links.link_strings import LinkAddress
 
@@ -21,7 +21,7 @@ class LaunchError(VehicleError):
 
 
 @dataclass(frozen=True, slots=True)
-class Home:
+class LaunchHome:
     """The launched vehicle's home: WGS-84 degrees, metres above sea level, heading in degrees."""
 
     latitude_deg: float
@@ -56,7 +56,7 @@ class ReservedLaunch(AbstractContextManager["ReservedLaunch"], Protocol):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Launch(ABC):
+class SimulatorLaunch(ABC):
     """A launch of a simulator.
 
     pace: how many times real time its clock runs, if the machine can. params: boot parameters.
@@ -66,7 +66,7 @@ class Launch(ABC):
     """The key of its `link` that has its pace."""
 
     pace: float = 1.0
-    home: Home | None = None
+    home: LaunchHome | None = None
     params: BootParams = ()
 
     @abstractmethod
@@ -87,11 +87,11 @@ class LaunchPart(Part):
 
     launch: str
 
-    def setup(self, folder: Path) -> Launch:
+    def setup(self, folder: Path) -> SimulatorLaunch:
         """Return the launch that a campaign in a folder asks for, without parameters."""
         raise NotImplementedError
 
 
-def beside(folder: Path, text: str) -> Path:
+def path_beside_campaign(folder: Path, text: str) -> Path:
     """Return a file's path relative to the campaign's folder, or to the home by ~."""
-    return (folder / expanded(Path(text))).absolute()
+    return (folder / expanded_path(Path(text))).absolute()

@@ -36,7 +36,7 @@ def telemetry_bytes_s(autopilot: Autopilot, rates: TelemetryRates, *, signed: bo
     return sum(_frame_bytes(number, signed=signed) * hz for number, hz in (*plan, *_UNPLANNED))
 
 
-def fitted(
+def fitted_telemetry_rates(
     autopilot: Autopilot, wanted: TelemetryRates, *, radio_bit_s: float, signed: bool = False
 ) -> TelemetryRates:
     """Return the wanted telemetry rates fitted to a radio: positions and attitudes less often.

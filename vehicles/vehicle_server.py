@@ -13,11 +13,11 @@ import socket
 import sys
 from pathlib import Path
 
-from wil_campaign.foundation.processes.fork_server import serve
+from wil_campaign.foundation.processes.fork_server import serve_forks
 from wil_campaign.vehicles.embedded.emulations import emulations, load_kernels
-from wil_campaign.vehicles.embedded.physics.motion_kernel import estimate
+from wil_campaign.vehicles.embedded.physics.motion_kernel import estimate_motion
 from wil_campaign.vehicles.embedded.process.embedded_process import main as fly
-from wil_campaign.worlds.jit import is_cached
+from wil_campaign.worlds.jit import is_kernel_cached
 
 _WORDS = 4
 """`python -P -m wil_campaign.vehicles.embedded`."""
@@ -26,12 +26,12 @@ _WORDS = 4
 def main(arguments: list[str]) -> int:
     """Serve until no client is left; return the exit code, 1 where a fork would not be safe."""
     emulations()  # imported
-    if is_cached(estimate):  # else the first vehicle compiles them
+    if is_kernel_cached(estimate_motion):  # else the first vehicle compiles them
         load_kernels()
     gc.freeze()
     if len(tuple(Path("/proc/self/task").iterdir())) != 1:
         return 1
-    return serve(socket.socket(fileno=int(arguments[0])), fly, words=_WORDS)
+    return serve_forks(socket.socket(fileno=int(arguments[0])), fly, words=_WORDS)
 
 
 if __name__ == "__main__":

@@ -171,12 +171,12 @@ def _imported(module: str, name: str) -> ModuleType:
     try:
         return import_module(path)
     except ModuleNotFoundError as error:
-        from wil_campaign.installed_plugins import missing, needed_by  # noqa: PLC0415 - seldom used
+        from wil_campaign.installed_plugins import missing_plugin_text, needed_plugin_text  # noqa: PLC0415 - seldom used
 
         folder, _, inner = module.partition(".")
-        text = needed_by(f"'{name}'", error)
+        text = needed_plugin_text(f"'{name}'", error)
         if folder == "plugins" and f"{path}.".startswith(f"{error.name}."):
-            text = missing(name, inner.partition(".")[0])
+            text = missing_plugin_text(name, inner.partition(".")[0])
         if not text:
             raise
         raise ImportError(text) from error

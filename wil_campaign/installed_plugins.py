@@ -118,7 +118,7 @@ _ORIGIN = "shipped"
 _FOLDER = "wil_campaign.plugins"
 
 
-class Named(Protocol):
+class NamedAddition(Protocol):
     """What a hook returns: it has a name of its own."""
 
     @property
@@ -127,7 +127,7 @@ class Named(Protocol):
         ...
 
 
-Addition = TypeVar("Addition", bound=Named)
+Addition = TypeVar("Addition", bound=NamedAddition)
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,7 +142,7 @@ class Plugin:
     adds: Mapping[str, tuple[str, ...]]
 
 
-def added(
+def plugin_additions(
     hook: Callable[[], Sequence[Addition]], own: Container[str] = ()
 ) -> Mapping[str, Addition]:
     """Return by name what all plugins add by a hook of wil_campaign.hooks. own: names of the core.
@@ -158,19 +158,19 @@ def added(
     return found
 
 
-def loaded(hook: Callable[[], Sequence[Addition]], field: str) -> Mapping[str, Any]:
+def loaded_additions(hook: Callable[[], Sequence[Addition]], field: str) -> Mapping[str, Any]:
     """Return by name what all additions of a hook name by one of their fields, imported.
 
     The core's own come first; without those where it is empty. Raises BadInput as `added` does.
     """
-    added(hook)
+    plugin_additions(hook)
     found: dict[str, Any] = {}
     for plugin, addition in _additions(hook):
         place = getattr(addition, field)
         if not place:
             continue
         try:
-            found[addition.name] = load(place)
+            found[addition.name] = load_plugin_object(place)
             _require_name(found[addition.name], addition.name)
         except Exception as error:
             message = f"{hook.__name__}(): {place} cannot be used: {_words(error)}"
@@ -190,7 +190,7 @@ def _require_name(part: Any, name: str) -> None:
             raise ValueError(f"it is named '{each.name}', not '{name}'")
 
 
-def installed() -> tuple[Plugin, ...]:
+def installed_plugins_by_name() -> tuple[Plugin, ...]:
     """Return all plugins, by name. Raises BadInput as `added` does."""
     manager, origins = _registered()
     adds: dict[str, dict[str, tuple[str, ...]]] = {name: {} for name in origins}
@@ -202,28 +202,28 @@ def installed() -> tuple[Plugin, ...]:
     return tuple(Plugin(name, origins[name], adds[name]) for name in names)
 
 
-def of_others() -> Mapping[str, str]:
+def third_party_plugins() -> Mapping[str, str]:
     """Return by name the plugins that do not ship with this program: distribution and version."""
     origins = _registered()[1]
     return {name: origins[name] for name in sorted(origins) if origins[name] != _ORIGIN}
 
 
-def absent(hook: Callable[[], Sequence[Named]]) -> Mapping[str, str]:
+def absent_additions(hook: Callable[[], Sequence[NamedAddition]]) -> Mapping[str, str]:
     """Return by name what shipped plugins add that are not installed: whose it is, the remedy."""
     return {
-        name: missing(name, plugin)
+        name: missing_plugin_text(name, plugin)
         for plugin, adds in SHIPPED.items()
         if plugin not in _registered()[1]
         for name in adds.get(hook.__name__, ())
     }
 
 
-def missing(name: str, plugin: str) -> str:
+def missing_plugin_text(name: str, plugin: str) -> str:
     """Return that a name is of a shipped plugin that is not installed, and the remedy."""
     return f"'{name}' is of {_without(plugin)}"
 
 
-def needed_by(what: str, error: BaseException) -> str:
+def needed_plugin_text(what: str, error: BaseException) -> str:
     """Return that something needs a shipped plugin, which an import did not find; else ""."""
     module = error.name or "" if isinstance(error, ModuleNotFoundError) else ""
     plugin = module.removeprefix(f"{_FOLDER}.").partition(".")[0]
@@ -237,7 +237,7 @@ def _without(plugin: str) -> str:
     )
 
 
-def load(function: str) -> Any:
+def load_plugin_object(function: str) -> Any:
     """Return what `module:name` names, imported."""
     module, _, name = function.partition(":")
     return getattr(importlib.import_module(module), name)
@@ -311,7 +311,7 @@ def _register_others(manager: pluggy.PluginManager) -> dict[str, str]:
 
 def _words(error: Exception) -> str:
     """Return an exception in one line."""
-    if text := needed_by("it", error):
+    if text := needed_plugin_text("it", error):
         return text
     return f"{type(error).__name__}: {' '.join(str(error).split())}"
 

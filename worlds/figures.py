@@ -3,7 +3,7 @@
 _MOST_DIGITS = 9
 
 
-def distinct_text(value: float, limit: float, *, digits: int = 2) -> str:
+def distinct_value_text(value: float, limit: float, *, digits: int = 2) -> str:
     """Return a value as text, with as many digits as tell it from its limit.
 
     digits: after the decimal point at least; a value that equals its limit has no more. The text

@@ -110,18 +110,18 @@ def _make_private(folder: Path) -> str:
     return "" if os.access(folder, os.W_OK | os.X_OK) else "is not writable"
 
 
-def compiled(function: Function) -> Function:
+def jit_compiled(function: Function) -> Function:
     """Return the function JIT-compiled at its first call (arguments give the types)."""
     return cast("Function", _Kernel(function, is_cached=True))
 
 
-def is_cached(kernel: Callable[..., object]) -> bool:
+def is_kernel_cached(kernel: Callable[..., object]) -> bool:
     """Return whether a JIT-compiled kernel is on disk already: its first call loads it."""
     folder = cache_folder(Path(kernel.__code__.co_filename).parent)
     return folder is not None and any(folder.rglob(f"*.{kernel.__name__}-*.nbi"))
 
 
-def direct(kernel: Function) -> Function:
+def kernel_dispatcher(kernel: Function) -> Function:
     """Return Numba's dispatcher of a kernel, for callers that call it hundreds of times a second.
 
     It saves a Python call each time; Numba is imported now.
@@ -129,7 +129,7 @@ def direct(kernel: Function) -> Function:
     return cast("Function", cast("Any", kernel).dispatcher)
 
 
-def inlined(function: Function) -> Function:
+def jit_inlined(function: Function) -> Function:
     """Return a helper that is JIT-compiled into each kernel that calls it.
 
     It is not cached by itself. Each saves about 0.2 s of the first compilation.

@@ -13,7 +13,7 @@ from typing import get_args
 import cv2
 import numpy as np
 
-from wil_campaign.foundation.files.documents import BadInput, load
+from wil_campaign.foundation.files.documents import BadInput, load_document
 from wil_campaign.worlds.camera import Intrinsics
 from wil_campaign.worlds.frames import Pose
 from wil_campaign.worlds.render.renderer import Renderer, RenderOutput
@@ -26,7 +26,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Render a preview of a world file; 2 for a bad file, 3 for an output that fails."""
     options = _parser().parse_args(arguments)
     try:
-        world = World.parse(load(options.world))
+        world = World.parse(load_document(options.world))
     except BadInput as error:
         sys.stderr.write("".join(f"{problem}\n" for problem in error.problems))
         return 2

@@ -20,7 +20,7 @@ from wil_campaign.worlds.frames import Pose, Vec3, quat_from_euler
 from wil_campaign.worlds.render.renderer import Renderer
 from wil_campaign.worlds.scene import shapes
 from wil_campaign.worlds.scene.meshes import Mesh
-from wil_campaign.worlds.scene.motion import Motion, Waypoint
+from wil_campaign.worlds.scene.motion import ObjectMotion, Waypoint
 from wil_campaign.worlds.scene.scene import Scene, SceneObject
 from wil_campaign.worlds.scene.shapes import Shape
 
@@ -61,11 +61,11 @@ class _Studio:
 
     def __init__(self, rng: np.random.Generator) -> None:
         self._size: Vec3 = (*(float(v) for v in rng.uniform(6, 12, 2)), float(rng.uniform(2.4, 4)))
-        room = shapes.room(*self._size, seed=int(rng.integers(1, 100_000)))
+        room = shapes.room_shape(*self._size, seed=int(rng.integers(1, 100_000)))
         self._person = _motion(rng, self._size, (0.0, 0.0), spin=True)
         self._drone = _motion(rng, self._size, (0.15, self._size[2] - 0.3), spin=True)
-        person = _recolored(shapes.person(_color(rng)), rng)
-        drone = _recolored(shapes.quadrotor(float(rng.uniform(0.25, 0.5)), _color(rng)), rng)
+        person = _recolored(shapes.person_shape(_color(rng)), rng)
+        drone = _recolored(shapes.quadrotor_shape(float(rng.uniform(0.25, 0.5)), _color(rng)), rng)
         things = [
             SceneObject(_PERSON, "person", person, self._person.begin, self._person),
             SceneObject(_DRONE, "drone", drone, self._drone.begin, self._drone),
@@ -135,7 +135,7 @@ class _Studio:
 
 def _motion(
     rng: np.random.Generator, size: Vec3, heights: tuple[float, float], *, spin: bool
-) -> Motion:
+) -> ObjectMotion:
     """Return a motion through the room that turns at its waypoints."""
     places = [
         (
@@ -155,22 +155,22 @@ def _motion(
         if spin and rng.uniform() < 0.9:
             waypoints.append(Waypoint(before, speed_m_s, heading))
         waypoints.append(Waypoint(after, speed_m_s, heading))
-    return Motion(begin, tuple(waypoints), loop=True)
+    return ObjectMotion(begin, tuple(waypoints), loop=True)
 
 
 def _clutter(object_id: int, rng: np.random.Generator, size: Vec3) -> SceneObject:
     """Return a box, tall like a person or small like a drone, or a gate."""
     kind = rng.uniform()
     if kind < 0.25:
-        shape = shapes.gate("square", float(rng.uniform(0.5, 1.2)), 0.1, _color(rng))
+        shape = shapes.gate_shape("square", float(rng.uniform(0.5, 1.2)), 0.1, _color(rng))
         up_m = 1.2
     elif kind < 0.7:
         sides = (float(rng.uniform(0.2, 1.0)), float(rng.uniform(0.2, 1.0)))
         tall_m = float(rng.uniform(0.4, 2.0))
-        shape, up_m = shapes.box((*sides, tall_m), _color(rng)), tall_m / 2
+        shape, up_m = shapes.box_shape((*sides, tall_m), _color(rng)), tall_m / 2
     else:
         sides = (float(rng.uniform(0.1, 0.5)), float(rng.uniform(0.1, 0.5)))
-        shape = shapes.box((*sides, float(rng.uniform(0.05, 0.3))), _color(rng))
+        shape = shapes.box_shape((*sides, float(rng.uniform(0.05, 0.3))), _color(rng))
         up_m = float(rng.uniform(0.2, 2.0))
     at = [float(rng.uniform(-0.5, 0.5) * (side - 1.0)) for side in size[:2]]
     yaw_rad = float(rng.uniform(-math.pi, math.pi))

@@ -8,8 +8,8 @@ from wil_campaign.api import Telemetry
 
 from .box_sight import BoxFinder, Layout
 from .flight_frame import FlightFrame
-from .parameters import goal_altitude_m, read_parameters
-from .pid import Gains
+from .parameters import goal_altitude_m, read_autonomy_parameters
+from .pid import PidGains
 
 _MAY_BE_ZERO = frozenset({"ki", "kd", "standard_errors"})
 _CHOICES = {"layout": get_args(Layout)}
@@ -44,9 +44,9 @@ class BoxFlightParameters:
             layout=self.layout,
         )
 
-    def gains(self, limit_m_s: float, *, times: float = 1.0) -> Gains:
+    def gains(self, limit_m_s: float, *, times: float = 1.0) -> PidGains:
         """Return the gains of a controller. limit_m_s: of its output; times: factor of kp."""
-        return Gains(times * self.kp, self.ki, self.kd, limit_m_s)
+        return PidGains(times * self.kp, self.ki, self.kd, limit_m_s)
 
 
 Parameters = TypeVar("Parameters", bound=BoxFlightParameters)
@@ -67,7 +67,7 @@ class BoxFlight(Generic[Parameters]):
         parameters: Mapping[str, object],
         owner: str,
     ) -> None:
-        self.parameters = read_parameters(
+        self.parameters = read_autonomy_parameters(
             kind, parameters, owner, may_be_zero=_MAY_BE_ZERO, choices=_CHOICES
         )
         self.frame: FlightFrame | None = None

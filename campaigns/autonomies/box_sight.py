@@ -7,7 +7,7 @@ from typing import Literal
 
 from wil_campaign.api import CameraReading, Detection, OnnxDetector, shipped_detector
 
-from .gate_sight import View
+from .gate_sight import GateCameraView
 
 Layout = Literal["auto", "v5", "v8", "end2end"]
 """Of the output of a detector; as OnnxDetector takes it."""
@@ -72,7 +72,7 @@ def _require(wanted: str, names: Sequence[str], model: str) -> None:
         raise ValueError(f"the detector '{model}' needs a class '{wanted}' among its names")
 
 
-def box_sight(box: Detection, view: View) -> BoxSight | None:
+def box_sight(box: Detection, view: GateCameraView) -> BoxSight | None:
     """Return the sight of a box in a view; None where a side is not in front of the camera."""
     u_px, v_px = (box.left_px + box.right_px) / 2, (box.top_px + box.bottom_px) / 2
     left, right = view.slopes(box.left_px, v_px), view.slopes(box.right_px, v_px)

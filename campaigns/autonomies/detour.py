@@ -26,7 +26,7 @@ from wil_campaign.api import (
 
 from .braking import stopping_speed
 from .obstacle_map import ObstacleMap, free_ways
-from .parameters import goal_altitude_m, read_parameters
+from .parameters import goal_altitude_m, read_autonomy_parameters
 
 _OWNER = "detour autonomy"
 _HEIGHT_GAIN = 1.2
@@ -76,7 +76,7 @@ class DetourAutonomy:
         parameters: those of DetourParameters. goal: altitude_m. seed: unused.
         """
         del seed
-        own = self._parameters = read_parameters(DetourParameters, parameters, _OWNER)
+        own = self._parameters = read_autonomy_parameters(DetourParameters, parameters, _OWNER)
         if own.keep_m < own.least_m:
             raise ValueError(f"{_OWNER}: keep_m must be at least least_m, {own.least_m:g}")
         self._altitude_m = goal_altitude_m(goal, _OWNER)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from wil_campaign.api import Pose, Telemetry, Vec3, VelocitySetpoint, subtract
 
-from .pid import Gains, Pid
+from .pid import PidController, PidGains
 
 _LONGEST_STEP_S = 0.2
 """Longest time between two commands that counts for the integral; more is a gap."""
@@ -39,8 +39,8 @@ class FlightFrame:
 class PositionController:
     """Flies a vehicle to a position in its flight frame, by a PID controller for each axis."""
 
-    def __init__(self, gains: tuple[Gains, Gains, Gains]) -> None:
-        self._pids = tuple(Pid(gain) for gain in gains)
+    def __init__(self, gains: tuple[PidGains, PidGains, PidGains]) -> None:
+        self._pids = tuple(PidController(gain) for gain in gains)
         self._last_s: float | None = None
 
     def velocity(self, wanted_m: Vec3, telemetry: Telemetry, frame: FlightFrame) -> Vec3:

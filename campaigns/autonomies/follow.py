@@ -23,8 +23,8 @@ from wil_campaign.api import (
 from .box_flight import BoxFlight, BoxFlightParameters
 from .box_sight import box_sight
 from .flight_frame import PositionController
-from .gate_sight import View
-from .pid import Gains
+from .gate_sight import GateCameraView
+from .pid import PidGains
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,7 +74,7 @@ class FollowAutonomy:
         own = self._parameters = self._flight.parameters
         self._finder = own.finder("person")
         self._history = PoseHistory(2.0, max_gap_s=0.6, max_prediction_s=0.1)
-        ahead = Gains(own.ahead_kp, 0.0, 0.0, own.ahead_speed_m_s)
+        ahead = PidGains(own.ahead_kp, 0.0, 0.0, own.ahead_speed_m_s)
         side, height = own.gains(own.side_speed_m_s), own.gains(0.5)
         self._controller = PositionController((ahead, side, height))
         self._hold_m = (0.0, 0.0)
@@ -91,7 +91,7 @@ class FollowAutonomy:
             return
         level = quat_from_euler(0.0, 0.0, pose.yaw_rad)
         q_wxyz = level if self._parameters.camera_stabilized else pose.q_wxyz
-        sight = box_sight(box, View(reading.intrinsics, q_wxyz, frame.start.yaw_rad))
+        sight = box_sight(box, GateCameraView(reading.intrinsics, q_wxyz, frame.start.yaw_rad))
         if sight is None:
             return
         away_m = math.sqrt(self._parameters.person_m2 / sight.area)

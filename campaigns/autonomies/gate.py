@@ -25,11 +25,11 @@ from wil_campaign.api import (
 
 from .braking import stopping_speed
 from .flight_frame import FlightFrame
-from .gate_parameters import OWNER, parse_parameters
-from .gate_sight import View, sight_of
+from .gate_parameters import OWNER, parse_gate_parameters
+from .gate_sight import GateCameraView, gate_sight_of
 from .gate_track import GateTrack
 from .parameters import goal_altitude_m
-from .pid import Gains, Pid
+from .pid import PidController, PidGains
 
 Phase = Literal["search", "approach", "through", "stop"]
 
@@ -64,17 +64,17 @@ class GateAutonomy:
         search; its other keys are for the oracles. seed: unused.
         """
         del seed
-        self._parameters = parse_parameters(parameters)
+        self._parameters = parse_gate_parameters(parameters)
         self._altitude_m = goal_altitude_m(goal, OWNER)
         self._finder = BlobFinder(NAMED_COLORS[self._parameters.color])
         self._history = PoseHistory(2.0, max_gap_s=0.6, max_prediction_s=0.1)
-        gains = Gains(
+        gains = PidGains(
             self._parameters.kp,
             self._parameters.ki,
             self._parameters.kd,
             self._parameters.side_speed_m_s,
         )
-        self._side, self._height = Pid(gains), Pid(gains)
+        self._side, self._height = PidController(gains), PidController(gains)
         self._phase: Phase = "search"
         self._frame: FlightFrame | None = None
         self._search_began_s = 0.0
@@ -95,9 +95,9 @@ class GateAutonomy:
         q_wxyz = pose.q_wxyz
         if self._parameters.camera_stabilized:
             q_wxyz = quat_from_euler(0.0, 0.0, pose.yaw_rad)
-        view = View(reading.intrinsics, q_wxyz, self._frame.start.yaw_rad)
+        view = GateCameraView(reading.intrinsics, q_wxyz, self._frame.start.yaw_rad)
         position_m = self._frame.position(pose.position_ned_m)
-        self._track.update(sight_of(blob, view), position_m, reading.t_s)
+        self._track.update(gate_sight_of(blob, view), position_m, reading.t_s)
 
     def act(self, telemetry: Telemetry) -> Command:
         """Return the velocity setpoint towards, or through, the gate."""

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from wil_campaign.api import NAMED_COLORS
 
-from .parameters import read_parameters
+from .parameters import read_autonomy_parameters
 
 OWNER = "gate autonomy"
 
@@ -37,9 +37,9 @@ class GateParameters:
     camera_stabilized: bool = False
 
 
-def parse_parameters(given: Mapping[str, object]) -> GateParameters:
+def parse_gate_parameters(given: Mapping[str, object]) -> GateParameters:
     """Return the gate autonomy's parameters. Raises ValueError listing unknown or wrong ones."""
-    return read_parameters(
+    return read_autonomy_parameters(
         GateParameters,
         given,
         OWNER,

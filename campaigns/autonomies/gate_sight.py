@@ -7,7 +7,7 @@ from wil_campaign.api import Blob, Intrinsics, Opening, Quat, rotate
 
 
 @dataclass(frozen=True, slots=True)
-class Bearing:
+class GateBearing:
     """The slope of the line of sight to the gate's centre on one axis: metres per metre ahead.
 
     only_side: the image cuts the gate off, so that the slope gives the side, not the distance.
@@ -18,15 +18,15 @@ class Bearing:
 
 
 @dataclass(frozen=True, slots=True)
-class Sight:
+class GateSight:
     """A sight of the gate from one pose, in a level frame ahead of the vehicle.
 
     right, down: None where the image does not show it. width: of the opening, as a slope; None
     likewise.
     """
 
-    right: Bearing | None
-    down: Bearing | None
+    right: GateBearing | None
+    down: GateBearing | None
     width: float | None = None
 
     @property
@@ -35,11 +35,11 @@ class Sight:
         return any(axis is not None and axis.only_side for axis in (self.right, self.down))
 
 
-NOTHING = Sight(None, None)
+NOTHING = GateSight(None, None)
 
 
 @dataclass(frozen=True, slots=True)
-class View:
+class GateCameraView:
     """The view of a camera: pinhole, attitude (FRD to NED), and the heading of the level frame."""
 
     intrinsics: Intrinsics
@@ -60,7 +60,7 @@ class View:
         return ((east * cos - north * sin) / ahead, down / ahead) if ahead > 0.1 else None
 
 
-def sight_of(blob: Blob, view: View) -> Sight:
+def gate_sight_of(blob: Blob, view: GateCameraView) -> GateSight:
     """Return the sight of the gate in an image; None where the image shows no gate.
 
     The opening gives the centre along each axis on which both its ends are in view. Otherwise the
@@ -74,23 +74,23 @@ def sight_of(blob: Blob, view: View) -> Sight:
     right = _of_mass(mass[0], borders.left, borders.right)
     down = _of_mass(mass[1], borders.top, borders.bottom)
     if opening is None:
-        return Sight(right, down)
+        return GateSight(right, down)
     u_px, v_px = _centre(opening)
     centre = view.slopes(u_px, v_px)
     if centre is None:
         return NOTHING
-    return Sight(
-        Bearing(centre[0]) if opening.across_px else right,
-        Bearing(centre[1]) if opening.down_px else down,
+    return GateSight(
+        GateBearing(centre[0]) if opening.across_px else right,
+        GateBearing(centre[1]) if opening.down_px else down,
         _width(opening.across_px, v_px, view) if opening.across_px else None,
     )
 
 
-def _of_mass(slope: float, cut_before: bool, cut_behind: bool) -> Bearing | None:
+def _of_mass(slope: float, cut_before: bool, cut_behind: bool) -> GateBearing | None:
     """Return the gate's bearing from its centre of mass; None when both sides are cut off."""
     if cut_before and cut_behind:
         return None
-    return Bearing(slope, only_side=cut_before or cut_behind)
+    return GateBearing(slope, only_side=cut_before or cut_behind)
 
 
 def _centre(opening: Opening) -> tuple[float, float]:
@@ -104,7 +104,7 @@ def _centre(opening: Opening) -> tuple[float, float]:
     return (u_px, v_px)
 
 
-def _width(across: tuple[float, float], v_px: float, view: View) -> float | None:
+def _width(across: tuple[float, float], v_px: float, view: GateCameraView) -> float | None:
     """Return the apparent width of the gate's opening, as a slope; None behind the camera."""
     left, right = view.slopes(across[0], v_px), view.slopes(across[1], v_px)
     if left is None or right is None:

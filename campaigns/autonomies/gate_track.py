@@ -3,7 +3,7 @@
 from wil_campaign.api import Vec3
 
 from .gate_range import ASSUMED_WIDTH_M, Looming
-from .gate_sight import Bearing, Sight
+from .gate_sight import GateBearing, GateSight
 
 ASSUMED_RANGE_M = 3.0
 """Used until the gate's opening is seen; in the paper the gate is 3 m ahead."""
@@ -41,7 +41,7 @@ class GateTrack:
         """Return whether an image of at most this age showed the gate."""
         return self.seen_s is not None and now_s - self.seen_s <= limit_s
 
-    def update(self, sight: Sight, at_m: Vec3, t_s: float) -> None:
+    def update(self, sight: GateSight, at_m: Vec3, t_s: float) -> None:
         """Update the gate's estimated place by a sight at a time (metres ahead, right, down).
 
         Near the gate only a sight that gives the centre counts: bars that leave the image would
@@ -57,7 +57,7 @@ class GateTrack:
         self.right_m = self._aim(0, sight.right, self.right_m, at_m[1], range_m)
         self.down_m = self._aim(1, sight.down, self.down_m, at_m[2], range_m)
 
-    def _update_range(self, sight: Sight, at_m: float) -> None:
+    def _update_range(self, sight: GateSight, at_m: float) -> None:
         """Update the range and width of the gate: by its growth, else by an assumed size."""
         if sight.width is None or sight.width <= 0.0:
             self.along_m = max(self.along_m, at_m + ASSUMED_WIDTH_M)
@@ -70,7 +70,7 @@ class GateTrack:
             self.width_m, self.along_m = fit.width_m, fit.along_m
 
     def _aim(
-        self, axis: int, bearing: Bearing | None, old_m: float, at_m: float, range_m: float
+        self, axis: int, bearing: GateBearing | None, old_m: float, at_m: float, range_m: float
     ) -> float:
         if bearing is None:
             return old_m

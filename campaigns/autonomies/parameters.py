@@ -8,7 +8,7 @@ from typing import Any, TypeVar, cast
 Kind = TypeVar("Kind")
 
 
-def read_parameters(
+def read_autonomy_parameters(
     kind: type[Kind],
     given: Mapping[str, object],
     owner: str,

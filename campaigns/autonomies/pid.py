@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 
 @dataclass(frozen=True, slots=True)
-class Gains:
+class PidGains:
     """PID gains: kp in 1/s, ki in 1/s^2, kd without unit; limit_m_s bounds output and integral."""
 
     kp: float
@@ -13,10 +13,10 @@ class Gains:
     limit_m_s: float
 
 
-class Pid:
+class PidController:
     """A PID controller of one axis; the derivative is of the measurement, so steps give no kick."""
 
-    def __init__(self, gains: Gains) -> None:
+    def __init__(self, gains: PidGains) -> None:
         self._gains = gains
         self._integral_m_s = 0.0
 

@@ -7,7 +7,9 @@ from wil_campaign.campaigns.setup.case_setup import Case
 from wil_campaign.foundation.files.documents import Document, Problem
 
 
-def estimated_actors(file: Document, case: Case, modes: tuple[Mode, ...]) -> Iterator[Problem]:
+def estimated_actor_warnings(
+    file: Document, case: Case, modes: tuple[Mode, ...]
+) -> Iterator[Problem]:
     """Yield a warning for an actor whose object is placed by the actor's own position estimate."""
     estimated = dict.fromkeys(
         actor.name
@@ -23,7 +25,9 @@ def estimated_actors(file: Document, case: Case, modes: tuple[Mode, ...]) -> Ite
         yield file.problem(("actors", name), message, key=True)
 
 
-def simulated_actors(file: Document, case: Case, modes: tuple[Mode, ...]) -> Iterator[Problem]:
+def simulated_actor_warnings(
+    file: Document, case: Case, modes: tuple[Mode, ...]
+) -> Iterator[Problem]:
     """Yield a warning for a simulated actor in the real world of an attached vehicle."""
     real = case.vehicles.get("real")
     if real is None or real.attached is None:

@@ -21,7 +21,7 @@ from types import ModuleType
 
 from wil_campaign.campaigns.setup.autonomy_under_test import UnderTest
 from wil_campaign.campaigns.values.references import BadReferenceError
-from wil_campaign.foundation.files.documents import Document, Path, Problem, closest
+from wil_campaign.foundation.files.documents import Document, Path, Problem, closest_word
 from wil_campaign.foundation.files.user_modules import keep_user_files, user_files
 from wil_campaign.foundation.processes.linux import processor_wait_s
 from wil_campaign.foundation.processes.process_memory import limited_allocation
@@ -87,7 +87,7 @@ def unread_keys(
     if may_read_later or not asked:
         return {}
     absent = [key for key in asked if isinstance(key, str) and key not in parameters]
-    return {key: closest(key, sorted(absent)) for key in parameters if key not in asked}
+    return {key: closest_word(key, sorted(absent)) for key in parameters if key not in asked}
 
 
 LONGEST_BUILD_S = 30.0
@@ -110,7 +110,7 @@ class _Refusal:
 
 
 @dataclass(frozen=True, slots=True)
-class Trial:
+class AutonomyTrial:
     """What came of building an autonomy once; picklable.
 
     refusal: why it cannot be built; None if it can. unread: the keys of `autonomy.with` that it
@@ -133,9 +133,9 @@ class IsolatedBuilds:
     """
 
     def __init__(self) -> None:
-        self._trials: dict[str, Trial] = {}
+        self._trials: dict[str, AutonomyTrial] = {}
 
-    def trial(self, under_test: UnderTest) -> Trial:
+    def trial(self, under_test: UnderTest) -> AutonomyTrial:
         """Return what comes of building the autonomy in a child process."""
         key = repr(under_test)
         if key not in self._trials:
@@ -143,17 +143,17 @@ class IsolatedBuilds:
         return self._trials[key]
 
 
-def try_autonomy(under_test: UnderTest, builds: IsolatedBuilds | None) -> Trial:
+def try_autonomy(under_test: UnderTest, builds: IsolatedBuilds | None) -> AutonomyTrial:
     """Return what comes of building the autonomy once; builds=None: in this process.
 
     A foreign autonomy is not built.
     """
     if under_test.foreign is not None:
-        return Trial()
+        return AutonomyTrial()
     return _trial(under_test) if builds is None else builds.trial(under_test)
 
 
-def autonomy_problems(file: Document, under_test: UnderTest, trial: Trial) -> list[Problem]:
+def autonomy_problems(file: Document, under_test: UnderTest, trial: AutonomyTrial) -> list[Problem]:
     """Return the problems of an autonomy that was tried, or of a foreign one."""
     if under_test.foreign is not None:
         return under_test.foreign.problems(file, under_test.folder)
@@ -165,14 +165,14 @@ def autonomy_problems(file: Document, under_test: UnderTest, trial: Trial) -> li
     return [file.problem(path, refusal.message, refusal.suggestion)]
 
 
-def _trial(under_test: UnderTest) -> Trial:
+def _trial(under_test: UnderTest) -> AutonomyTrial:
     """Return what comes of building this autonomy in this process."""
     try:
         with redirect_stdout(sys.stderr):
             unread = unread_keys(partial(under_test.build, 0), under_test.parameters)
     except (Exception, SystemExit) as error:  # noqa: BLE001 - the user's code may raise anything
-        return Trial(_refusal_of(under_test, error))
-    return Trial(unread=unread)
+        return AutonomyTrial(_refusal_of(under_test, error))
+    return AutonomyTrial(unread=unread)
 
 
 def _refusal_of(under_test: UnderTest, error: BaseException) -> _Refusal:
@@ -194,7 +194,7 @@ def _memory_refusal(under_test: UnderTest) -> _Refusal:
     return _Refusal("", f"{message}; let it load less, or raise the limit")
 
 
-def _trial_in_child(under_test: UnderTest) -> Trial:
+def _trial_in_child(under_test: UnderTest) -> AutonomyTrial:
     """Return what comes of building the autonomy in a child process that may hang or crash."""
     # Both tries together end in the time that the pages name.
     limit_s = min(LONGEST_BUILD_S, under_test.limits.build_s)
@@ -210,14 +210,14 @@ def _trial_in_child(under_test: UnderTest) -> Trial:
         return _answer_of_child(spawn, under_test, _LONGEST_SPAWN_S, limit_s - fork_s)
     except _BlocksError:
         message = f"'{under_test.use}' is not imported and built within {limit_s:g} s: it blocks"
-        return Trial(_Refusal("use", message))
+        return AutonomyTrial(_Refusal("use", message))
     except TimeoutError as error:
-        return Trial(_Refusal("use", f"'{under_test.use}' {error}"))
+        return AutonomyTrial(_Refusal("use", f"'{under_test.use}' {error}"))
 
 
 def _answer_of_child(
     context: ForkContext | SpawnContext, under_test: UnderTest, start_s: float, build_s: float
-) -> Trial:
+) -> AutonomyTrial:
     """Return a child process's answer about the autonomy.
 
     Raises TimeoutError when it has not begun within `start_s`, _BlocksError when it has not
@@ -237,12 +237,12 @@ def _answer_of_child(
         ours.recv()
         if not _is_answered(ours, child.pid or 0, build_s):
             raise _BlocksError
-        trial: Trial = ours.recv()
+        trial: AutonomyTrial = ours.recv()
         files: dict[FilePath, str] = ours.recv()
     except EOFError:
         child.join(_GRACE_S)
         ended = f"ends its process (exit status {child.exitcode}) when it is imported or built"
-        return Trial(_Refusal("use", f"'{under_test.use}' {ended}"))
+        return AutonomyTrial(_Refusal("use", f"'{under_test.use}' {ended}"))
     finally:
         child.kill()
         child.join()

@@ -3,21 +3,24 @@
 import math
 from collections.abc import Iterator
 
-from wil_campaign.campaigns.checks.actor_warnings import estimated_actors, simulated_actors
-from wil_campaign.campaigns.checks.hidden_objects import hidden_objects
+from wil_campaign.campaigns.checks.actor_warnings import (
+    estimated_actor_warnings,
+    simulated_actor_warnings,
+)
+from wil_campaign.campaigns.checks.hidden_objects import hidden_object_warnings
 from wil_campaign.campaigns.checks.limit_warnings import (
     exceeds_room,
     limit_warnings,
-    narrow_gates,
+    narrow_gate_warnings,
+    room_sizes,
     room_warnings,
-    rooms,
 )
 from wil_campaign.campaigns.checks.magnitude_warnings import magnitude_warnings
 from wil_campaign.campaigns.checks.mixture_warnings import (
-    nothing_isolated,
-    unmixed_objects,
-    unmixed_sensors,
-    wide_registration_limits,
+    nothing_isolated_warnings,
+    unmixed_object_warnings,
+    unmixed_sensor_warnings,
+    wide_registration_warnings,
 )
 from wil_campaign.campaigns.checks.place_checks import judged_world
 from wil_campaign.campaigns.schema import VEHICLES, Mode, VehicleName
@@ -31,12 +34,12 @@ from wil_campaign.safety.fence.fence_files import fence_warnings
 from wil_campaign.safety.fence.geofence import Fence
 from wil_campaign.safety.oracles.contact import ContactParameters
 from wil_campaign.safety.oracles.goal import ReachedPositionParameters, TimeLimitParameters
-from wil_campaign.safety.oracles.oracle_terms import Window, Windowed
+from wil_campaign.safety.oracles.oracle_terms import StageWindow, Windowed
 from wil_campaign.safety.oracles.reached import ReachedParameters
 from wil_campaign.safety.oracles.registry import oracle_kinds
 from wil_campaign.vehicles.embedded.profile import ProfileError, load_profile
 from wil_campaign.worlds.frames import norm, subtract
-from wil_campaign.worlds.scene.motion import StartOn
+from wil_campaign.worlds.scene.motion import StartOnEvent
 from wil_campaign.worlds.scene.scene import Scene
 
 _LONG_GAP_S = 1.0
@@ -70,11 +73,11 @@ def case_warnings(files: CaseFiles, case: Case, modes: tuple[Mode, ...]) -> Iter
     yield from _raised_starts(files.campaign, case, modes)
     yield from _small_bodies(files.campaign, case)
     yield from _unused_parameters(files.campaign, case)
-    yield from simulated_actors(files.campaign, case, modes)
+    yield from simulated_actor_warnings(files.campaign, case, modes)
     yield from _long_limits(files.campaign, case)
     if "wil" in modes:
-        yield from unmixed_objects(files, case)
-        yield from unmixed_sensors(files, case)
+        yield from unmixed_object_warnings(files, case)
+        yield from unmixed_sensor_warnings(files, case)
     yield from limit_warnings(files.campaign, case)
     yield from magnitude_warnings(files, case)
 
@@ -156,13 +159,13 @@ def caveats_of(files: CaseFiles, case: Case, modes: tuple[Mode, ...]) -> Iterato
     yield from _unchecked_goals(files, case)
     yield from _unperceived_mixture(files, case, modes)
     if "wil" in modes:
-        yield from wide_registration_limits(files, case)
-        yield from nothing_isolated(files, case)
-        yield from hidden_objects(files, case)
-    yield from estimated_actors(files.campaign, case, modes)
+        yield from wide_registration_warnings(files, case)
+        yield from nothing_isolated_warnings(files, case)
+        yield from hidden_object_warnings(files, case)
+    yield from estimated_actor_warnings(files.campaign, case, modes)
     for mode in modes:
         scene = case.world.scene(mode, judged_world(mode))
-        yield from narrow_gates(files.campaign, case, mode, scene)
+        yield from narrow_gate_warnings(files.campaign, case, mode, scene)
     for name in dict.fromkeys(FLIES[mode][0] for mode in modes):
         yield from _long_gaps(files.campaign, case, name)
 
@@ -282,7 +285,7 @@ def _momentary_windows(file: Document, case: Case, mode: Mode) -> Iterator[Probl
     for use in case.oracles:
         if isinstance(use.parameters, _SHOWN_WITHIN):
             continue
-        if len(FLIES[mode]) == 1 and _window_of(use) == Window("done", "land"):
+        if len(FLIES[mode]) == 1 and _window_of(use) == StageWindow("done", "land"):
             message = (
                 f"in mode {mode} the window of '{use.name}' closes when it opens: it cannot fail"
             )
@@ -309,7 +312,7 @@ def _late_motions(files: CaseFiles, case: Case, scene: Scene) -> Iterator[Proble
         given = use.parameters
         if not isinstance(given, TimeLimitParameters) or not given.required:
             continue
-        if _window_of(use) == Window("goal", "done"):
+        if _window_of(use) == StageWindow("goal", "done"):
             limits.append((given.limit_s, f"oracles.{use.name}.limit_s"))
     goal_s, key = min(limits)
     longest: dict[str, tuple[float, str]] = {
@@ -319,7 +322,7 @@ def _late_motions(files: CaseFiles, case: Case, scene: Scene) -> Iterator[Proble
     before_goal = (sync.takeoff_timeout_s + goal_s, f"sync.takeoff_timeout_s with {key}")
     for scene_object in scene.objects:
         start = None if scene_object.motion is None else scene_object.motion.start
-        if files.world is None or not isinstance(start, StartOn):
+        if files.world is None or not isinstance(start, StartOnEvent):
             continue
         longest_s, key = longest.get(start.event, before_goal)
         if start.delay_s >= longest_s:
@@ -332,7 +335,7 @@ def _late_motions(files: CaseFiles, case: Case, scene: Scene) -> Iterator[Proble
             )
 
 
-def _window_of(use: OracleUse) -> Window | None:
+def _window_of(use: OracleUse) -> StageWindow | None:
     """Return the window in which an oracle judges; None where its parameters are no window."""
     usual = oracle_kinds()[use.kind].window
     try:
@@ -341,20 +344,20 @@ def _window_of(use: OracleUse) -> Window | None:
         return None
 
 
-def _longest_s(case: Case, window: Window | None) -> tuple[float, str]:
+def _longest_s(case: Case, window: StageWindow | None) -> tuple[float, str]:
     """Return the longest time between two stages of a run, and the key of the time-out."""
     sync = case.sync
-    bounded: dict[Window | None, tuple[float, str]] = {
-        Window("takeoff", "at_height"): (sync.takeoff_timeout_s, "sync.takeoff_timeout_s"),
-        Window("goal", "done"): (sync.goal_timeout_s, "sync.goal_timeout_s"),
-        Window("land", "landed"): (sync.landing_timeout_s, "sync.landing_timeout_s"),
+    bounded: dict[StageWindow | None, tuple[float, str]] = {
+        StageWindow("takeoff", "at_height"): (sync.takeoff_timeout_s, "sync.takeoff_timeout_s"),
+        StageWindow("goal", "done"): (sync.goal_timeout_s, "sync.goal_timeout_s"),
+        StageWindow("land", "landed"): (sync.landing_timeout_s, "sync.landing_timeout_s"),
     }
     return bounded.get(window, (math.inf, ""))
 
 
 def _room_size_m(scene: Scene) -> tuple[float, float] | None:
     """Return length and width of the largest room, to warn of wide fences; None without one."""
-    return max((size_m for size_m, _ in rooms(scene)), default=None, key=max)
+    return max((size_m for size_m, _ in room_sizes(scene)), default=None, key=max)
 
 
 def _corners_m(area: Area) -> tuple[tuple[float, float], ...]:

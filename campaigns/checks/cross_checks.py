@@ -15,15 +15,15 @@ from wil_campaign.campaigns.schema import Mode
 from wil_campaign.campaigns.setup.actor_setups import ActorSetup
 from wil_campaign.campaigns.setup.case_files import CaseFiles
 from wil_campaign.campaigns.setup.case_setup import FLIES, Case, GoalSetup
-from wil_campaign.campaigns.setup.encounters import encounters
-from wil_campaign.foundation.files.documents import Document, Path, Problem, closest
+from wil_campaign.campaigns.setup.encounters import actor_encounters
+from wil_campaign.foundation.files.documents import Document, Path, Problem, closest_word
 from wil_campaign.foundation.files.documents import Path as KeyPath
 from wil_campaign.safety.evaluation.judge import OracleUse, build_oracles
 from wil_campaign.safety.fence.geofence import Fence
 from wil_campaign.safety.guard.core.setpoint_limits import SetpointLimits
 from wil_campaign.safety.oracles.oracle import Oracle, OracleContext, OracleError
 from wil_campaign.safety.oracles.registry import oracle_kinds
-from wil_campaign.worlds.figures import distinct_text
+from wil_campaign.worlds.figures import distinct_value_text
 from wil_campaign.worlds.frames import Vec3
 from wil_campaign.worlds.world_file.world import World
 
@@ -92,8 +92,8 @@ def _way_outside_fence(
             message = f"'{actor.name}' {what} {-margin_m:.2f} m outside of its geofence's {side}"
         elif margin_m < keep_m:
             message = (
-                f"'{actor.name}' {what} {distinct_text(margin_m, keep_m)} m from its geofence's "
-                f"{side}, nearer than keep_m {keep_m:g}"
+                f"'{actor.name}' {what} {distinct_value_text(margin_m, keep_m)} m from its "
+                f"geofence's {side}, nearer than keep_m {keep_m:g}"
             )
         else:
             continue
@@ -112,7 +112,7 @@ def _unfit_return(files: CaseFiles, actor: ActorSetup) -> Iterator[Problem]:
 
 def _near_misses(files: CaseFiles, case: Case, mode: Mode) -> Iterator[Problem]:
     """Yield attached actors that could touch another attached vehicle."""
-    for encounter in encounters(case, mode):
+    for encounter in actor_encounters(case, mode):
         if encounter.is_far or (
             encounter.may_be_allowed and "separation" in case.preflight.override
         ):
@@ -185,12 +185,14 @@ def _gates(files: CaseFiles, case: Case, mode: Mode) -> Iterator[Problem]:
         elif not scene[gate].shape.openings:
             message = f"'{gate}' is a {scene[gate].shape.kind}, which has no opening to fly through"
             open_ones = [thing.name for thing in scene.objects if thing.shape.openings]
-            yield files.campaign.problem(path, message, closest(gate, open_ones))
+            yield files.campaign.problem(path, message, closest_word(gate, open_ones))
 
 
 def _no_object(document: Document, path: Path, name: str, world: World) -> Problem:
     """Return the problem that the world has no object of this name."""
-    return document.problem(path, f"no object '{name}' in the world", closest(name, world.objects))
+    return document.problem(
+        path, f"no object '{name}' in the world", closest_word(name, world.objects)
+    )
 
 
 def _oracles(files: CaseFiles, case: Case, mode: Mode) -> Iterator[Problem]:

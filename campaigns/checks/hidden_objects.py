@@ -15,13 +15,13 @@ from wil_campaign.campaigns.setup.case_setup import Case
 from wil_campaign.campaigns.setup.named_objects import named_objects
 from wil_campaign.campaigns.values.sensor_setups import CameraSetup
 from wil_campaign.foundation.files.documents import Problem
-from wil_campaign.recipes.model.recipe import Combination, Recipe, Step
+from wil_campaign.recipes.model.recipe import Combination, Recipe, StepUse
 from wil_campaign.recipes.pipeline.sight_check import is_foreseeable, needs_depth, shows_twin
 from wil_campaign.recipes.working import SIDES, Side
 from wil_campaign.vehicles.readings import CameraReading
 from wil_campaign.vehicles.readings.kinds import traits_named
 from wil_campaign.worlds.scene.colors import Rgb
-from wil_campaign.worlds.scene.scene import SceneObject, virtual_only
+from wil_campaign.worlds.scene.scene import SceneObject, virtual_only_objects
 
 _LIGHTS = (1.0, 0.7, 0.45, 0.25)
 """Shares of an object's colour, in light and in shadow."""
@@ -29,7 +29,7 @@ _DISTANCES_M = (2.0, 0.7, 6.0, 20.0)
 _FAR_M = 1000.0
 
 
-def hidden_objects(files: CaseFiles, case: Case) -> Iterator[Problem]:
+def hidden_object_warnings(files: CaseFiles, case: Case) -> Iterator[Problem]:
     """Yield a warning for virtual objects that no mixture can show, wherever they stand.
 
     Of those that the goal, a required oracle or `shows` names; without any, where none of the
@@ -40,7 +40,7 @@ def hidden_objects(files: CaseFiles, case: Case) -> Iterator[Problem]:
     if recipe is None or files.recipe is None:
         return
     showing = [one for one in recipe.combinations if traits_named(one.sensor.kind).visibility]
-    things = set(virtual_only(case.world.scene("wil", "W"), world).values())
+    things = set(virtual_only_objects(case.world.scene("wil", "W"), world).values())
     named = named_objects(case) | {name for one in showing for name in one.shows or ()}
     if showing and all(one.isolated() for one in showing):
         things &= {name for one in showing for name in one.isolated()}  # others: `unmixed_objects`
@@ -60,7 +60,7 @@ def hidden_objects(files: CaseFiles, case: Case) -> Iterator[Problem]:
         yield files.recipe.problem((*showing[0].path, key), message, key=True)
 
 
-def _transforms(combination: Combination) -> tuple[Step, ...]:
+def _transforms(combination: Combination) -> tuple[StepUse, ...]:
     return tuple(step for step in combination.steps if step.kind.stage == "transform")
 
 

@@ -15,12 +15,12 @@ from wil_campaign.safety.oracles.autopilot_health import (
     ModeName,
     ModesParameters,
 )
-from wil_campaign.safety.oracles.limit_oracle import Band
+from wil_campaign.safety.oracles.limit_oracle import BandParameters
 from wil_campaign.safety.oracles.motion import AttitudeParameters
 from wil_campaign.safety.oracles.vehicle_health import LinkParameters
-from wil_campaign.worlds.figures import distinct_text
+from wil_campaign.worlds.figures import distinct_value_text
 from wil_campaign.worlds.frames import rotate
-from wil_campaign.worlds.scene.parts import Opening
+from wil_campaign.worlds.scene.parts import ObjectOpening
 from wil_campaign.worlds.scene.scene import Scene, SceneObject
 
 _STEEPEST_DEG = {"max_tilt_deg": 180.0, "max_roll_deg": 180.0, "max_pitch_deg": 90.0}
@@ -43,7 +43,7 @@ def limit_warnings(file: Document, case: Case) -> Iterator[Problem]:
         if isinstance(given, BatteryParameters) and given.min_percent == 0.0:
             message = "no battery is charged to less than 0 %: it cannot fail"
             yield file.problem((*path, "min_percent"), message)
-        elif isinstance(given, Band) and not isinstance(given, AltitudeParameters):
+        elif isinstance(given, BandParameters) and not isinstance(given, AltitudeParameters):
             if given.low == 0.0 and given.high is None:
                 yield file.problem(path, "nothing is less than 0: it cannot fail", key=True)
         elif isinstance(given, ModesParameters):
@@ -59,7 +59,7 @@ def limit_warnings(file: Document, case: Case) -> Iterator[Problem]:
                 yield file.problem((*path, key), f"{message}: it cannot fail")
 
 
-def narrow_gates(file: Document, case: Case, mode: Mode, scene: Scene) -> Iterator[Problem]:
+def narrow_gate_warnings(file: Document, case: Case, mode: Mode, scene: Scene) -> Iterator[Problem]:
     """Yield a warning for each gate of the goal that is narrower than the judged vehicle's body."""
     vehicle = case.vehicles.get(FLIES[mode][0])
     for index, gate in enumerate(case.goal.gates if vehicle is not None else ()):
@@ -69,12 +69,14 @@ def narrow_gates(file: Document, case: Case, mode: Mode, scene: Scene) -> Iterat
         free_m = max(_level_width_m(scene[gate], each) for each in scene[gate].shape.openings)
         if width_m >= free_m:
             body = f"the body of '{vehicle.name}' is {width_m:g} m wide"
-            message = f"'{gate}' is open {distinct_text(free_m, width_m)} m across, and {body}"
+            message = (
+                f"'{gate}' is open {distinct_value_text(free_m, width_m)} m across, and {body}"
+            )
             path: Path = ("goal", "gates", index)
             yield file.problem(path, f"{message}: it does not fly through level")
 
 
-def _level_width_m(thing: SceneObject, opening: Opening) -> float:
+def _level_width_m(thing: SceneObject, opening: ObjectOpening) -> float:
     """Return how wide an opening is beside the level way through it.
 
     One that is flown through upwards has no such way: the largest distance of its corners.
@@ -115,7 +117,7 @@ def _any_attitude(file: Document, path: Path, given: AttitudeParameters) -> Iter
 
 def _wide_area(file: Document, path: Path, keep: FencePart, scene: Scene) -> Iterator[Problem]:
     """Yield a warning for an area's box in metres that is far wider than the room."""
-    room_m = max((max(size) for size, _ in rooms(scene)), default=None)
+    room_m = max((max(size) for size, _ in room_sizes(scene)), default=None)
     if room_m is None or keep.box is None or keep.box.north_m is None or keep.box.east_m is None:
         return
     wide_m = max(high - low for low, high in (keep.box.north_m, keep.box.east_m))
@@ -131,13 +133,13 @@ def exceeds_room(wide_m: float, room_m: float) -> bool:
 
 def _ceiling_m(scene: Scene) -> float | None:
     """Return how high the highest room's ceiling limits flight; None where one has no ceiling."""
-    heights = [height_m for _, height_m in rooms(scene)]
+    heights = [height_m for _, height_m in room_sizes(scene)]
     if not heights or any(height_m is None for height_m in heights):
         return None
     return max(height_m for height_m in heights if height_m is not None)
 
 
-def rooms(scene: Scene) -> Iterator[tuple[tuple[float, float], float | None]]:
+def room_sizes(scene: Scene) -> Iterator[tuple[tuple[float, float], float | None]]:
     """Yield north and east size of each room, and how far up its ceiling limits flight, if any."""
     for thing in scene.objects:
         if thing.is_room:

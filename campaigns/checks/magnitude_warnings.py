@@ -9,7 +9,7 @@ import numpy as np
 from wil_campaign.campaigns.setup.case_files import CaseFiles
 from wil_campaign.campaigns.setup.case_setup import Case
 from wil_campaign.foundation.files.documents import BadInput, Document, Path, Problem
-from wil_campaign.foundation.files.yaml_nodes import Node
+from wil_campaign.foundation.files.yaml_nodes import YamlNode
 from wil_campaign.vehicles.embedded.profile import Profile, ProfileError, load_profile
 from wil_campaign.worlds.scene.scene import SceneObject
 
@@ -95,7 +95,7 @@ def _profile_texts(profile: Profile) -> Iterator[str]:
             yield f"{part}.{key} of {value_s:g} s: milliseconds would be {value_s / 1000.0:g}"
 
 
-def _degrees_as_radians(file: Document, node: Node, path: Path) -> Iterator[Problem]:
+def _degrees_as_radians(file: Document, node: YamlNode, path: Path) -> Iterator[Problem]:
     """Yield a warning for each angle in radians that is more than a turn, at any depth."""
     value = node.value
     if isinstance(value, dict):

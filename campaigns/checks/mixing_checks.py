@@ -6,9 +6,9 @@ from wil_campaign.campaigns.schema import Mode
 from wil_campaign.campaigns.setup.case_files import CaseFiles
 from wil_campaign.campaigns.setup.case_setup import Case, VehicleSetup
 from wil_campaign.campaigns.values.sensor_setups import SensorSetup
-from wil_campaign.foundation.files.documents import Document, Path, Problem, closest
+from wil_campaign.foundation.files.documents import Document, Path, Problem, closest_word
 from wil_campaign.recipes.model.recipe import Combination, Recipe
-from wil_campaign.recipes.pipeline.shape_check import blank_of, shape_mismatch
+from wil_campaign.recipes.pipeline.shape_check import blank_reading_of, shape_mismatch
 from wil_campaign.recipes.working import SIDES, Side
 from wil_campaign.vehicles.readings import Reading
 from wil_campaign.vehicles.readings.kinds import traits_named, traits_of
@@ -34,7 +34,7 @@ def mixing_problems(files: CaseFiles, case: Case, mode: Mode) -> Iterator[Proble
             kind = sensor.kind_of(name)
             if carried.get(sensor.name) != kind:
                 message = f"vehicle '{name}' has no {kind} '{sensor.name}'"
-                meant = closest(sensor.name, carried)
+                meant = closest_word(sensor.name, carried)
                 yield files.recipe.problem(("sensors", sensor.name), message, meant, key=True)
     yield from _rate_problems(files.recipe, recipe, case)
     yield from _shape_problems(files.recipe, recipe, case)
@@ -111,7 +111,7 @@ def _shape_problems(document: Document, recipe: Recipe, case: Case) -> Iterator[
         for side in SIDES:
             sensor = _sensor_named(case.vehicles[side], combination.sensor.name)
             is_fit = sensor is not None and sensor.kind == combination.sensor.kind_of(side)
-            reading = blank_of(sensor, side) if sensor is not None and is_fit else None
+            reading = blank_reading_of(sensor, side) if sensor is not None and is_fit else None
             if reading is not None:
                 blank[side] = reading
         if len(blank) < len(SIDES):

@@ -9,14 +9,14 @@ from wil_campaign.campaigns.values.sensor_setups import CameraSetup, DepthSetup
 from wil_campaign.foundation.files.documents import Document, Problem
 from wil_campaign.recipes.model.recipe import Combination
 from wil_campaign.vehicles.readings.kinds import traits_named
-from wil_campaign.worlds.scene.scene import virtual_only
+from wil_campaign.worlds.scene.scene import virtual_only_objects
 
 _WIDE_SHARE = 0.05
 """Of the image's width: the default limit of an object that takes half of it. With a larger limit
 an object beside its place counts as in its place."""
 
 
-def wide_registration_limits(files: CaseFiles, case: Case) -> Iterator[Problem]:
+def wide_registration_warnings(files: CaseFiles, case: Case) -> Iterator[Problem]:
     """Yield a warning for recipe limits that accept objects far beside their place."""
     if case.recipe is None or files.recipe is None:
         return
@@ -38,7 +38,7 @@ def wide_registration_limits(files: CaseFiles, case: Case) -> Iterator[Problem]:
         yield files.recipe.problem((*combination.path, "max_registration_error_px"), message)
 
 
-def nothing_isolated(files: CaseFiles, case: Case) -> Iterator[Problem]:
+def nothing_isolated_warnings(files: CaseFiles, case: Case) -> Iterator[Problem]:
     """Yield a warning for each combination whose isolated objects the virtual world all lacks."""
     if case.recipe is None or files.recipe is None:
         return
@@ -53,7 +53,7 @@ def nothing_isolated(files: CaseFiles, case: Case) -> Iterator[Problem]:
             )
 
 
-def unmixed_objects(files: CaseFiles, case: Case) -> Iterator[Problem]:
+def unmixed_object_warnings(files: CaseFiles, case: Case) -> Iterator[Problem]:
     """Yield a warning for virtual objects that no combination of the recipe mixes in.
 
     Only where every combination isolates other objects by name: which objects a colour or a region
@@ -62,7 +62,7 @@ def unmixed_objects(files: CaseFiles, case: Case) -> Iterator[Problem]:
     """
     if case.recipe is None or files.recipe is None:
         return
-    things = virtual_only(case.world.scene("wil", "W"), case.world.scene("wil", "Wv"))
+    things = virtual_only_objects(case.world.scene("wil", "W"), case.world.scene("wil", "Wv"))
     isolating = [
         combination
         for combination in case.recipe.combinations
@@ -87,14 +87,14 @@ def unmixed_objects(files: CaseFiles, case: Case) -> Iterator[Problem]:
             )
 
 
-def unmixed_sensors(files: CaseFiles, case: Case) -> Iterator[Problem]:
+def unmixed_sensor_warnings(files: CaseFiles, case: Case) -> Iterator[Problem]:
     """Yield a warning for each sensor that shows a world and that no combination mixes.
 
     An autonomy gets the real one's readings as they are, in which nothing virtual is.
     """
     if case.recipe is None or files.recipe is None:
         return
-    if not virtual_only(case.world.scene("wil", "W"), case.world.scene("wil", "Wv")):
+    if not virtual_only_objects(case.world.scene("wil", "W"), case.world.scene("wil", "Wv")):
         return
     mixed = case.recipe.sensors_for("real")
     for sensor in case.vehicles["real"].sensors if mixed else ():

@@ -10,7 +10,7 @@ from wil_campaign.campaigns.setup.case_setup import Case, VehicleSetup
 from wil_campaign.foundation.files.documents import Path, Problem
 from wil_campaign.vehicles.embedded.physics.airframe import Airframe
 from wil_campaign.worlds.clearance.clearance import ClearanceProbe
-from wil_campaign.worlds.figures import distinct_text
+from wil_campaign.worlds.figures import distinct_value_text
 from wil_campaign.worlds.frames import Vec3
 from wil_campaign.worlds.scene.scene import Scene, SceneObject
 
@@ -127,7 +127,7 @@ def _deviation(case: Case, vehicle: VehicleSetup, place: Vec3) -> str:
     if margin_m < 0.0:
         return f"{-margin_m:.2f} m outside of the geofence's {side}"
     if margin_m < keep_m:
-        near_m = distinct_text(margin_m, keep_m)
+        near_m = distinct_value_text(margin_m, keep_m)
         return f"{near_m} m from the geofence's {side}, nearer than keep_m {keep_m:g}"
     return ""
 

@@ -6,10 +6,10 @@ from wil_campaign.campaigns.schema import Mode
 from wil_campaign.campaigns.setup.case_files import CaseFiles
 from wil_campaign.campaigns.setup.case_setup import FLIES, Case, VehicleSetup
 from wil_campaign.campaigns.setup.vehicle_setups import FlownSetup
-from wil_campaign.campaigns.values.sensor_setups import options_of
+from wil_campaign.campaigns.values.sensor_setups import sensor_options_of
 from wil_campaign.foundation.files.documents import Problem
 from wil_campaign.hooks import drivers
-from wil_campaign.installed_plugins import added
+from wil_campaign.installed_plugins import plugin_additions
 from wil_campaign.vehicles.sensors.sensor_spec import SensorOptions
 
 
@@ -22,7 +22,7 @@ def vehicle_problems(files: CaseFiles, case: Case, mode: Mode) -> Iterator[Probl
         yield from _shared_links(files, actor, flown[: len(flown) - len(actors) + index])
     for vehicle in case.vehicles.values():
         yield from _spare_problems(files, vehicle)
-        driver = added(drivers).get(vehicle.driver)
+        driver = plugin_additions(drivers).get(vehicle.driver)
         if driver is not None and vehicle.system_id == driver.system_id:
             message = (
                 f"the driver {driver.name} uses system id {driver.system_id} itself; give the "
@@ -94,7 +94,7 @@ def _shared_links(
 def _placed_problems(files: CaseFiles, case: Case, twin: VehicleSetup) -> Iterator[Problem]:
     """Yield what a placed twin does not have: sensors that measure a flight, a pose source."""
     for sensor in twin.sensors:
-        if (options := options_of(sensor, SensorOptions)) and options.embedded_only:
+        if (options := sensor_options_of(sensor, SensorOptions)) and options.embedded_only:
             message = f"a placed twin does not fly: it has no {sensor.kind}; write coupling: follow"
             yield files.campaign.problem(("vehicles", "twin", "sensors", sensor.name), message)
     for fault in case.faults:

@@ -8,7 +8,9 @@ from wil_campaign.foundation.files.documents import Problem
 _MOST = 2
 
 
-def with_cases(found: Mapping[str, Iterable[Problem]], cases: Collection[str]) -> list[Problem]:
+def problems_with_cases(
+    found: Mapping[str, Iterable[Problem]], cases: Collection[str]
+) -> list[Problem]:
     """Return problems by case or control, each once; with the names of the cases that it has.
 
     cases: all of the campaign, without its controls. A problem of all of them is the campaign's

@@ -9,8 +9,8 @@ from typing import TypeVar
 from pydantic import BaseModel
 
 from wil_campaign.campaigns.checks.autonomy_checks import (
+    AutonomyTrial,
     IsolatedBuilds,
-    Trial,
     autonomy_problems,
     try_autonomy,
 )
@@ -37,18 +37,18 @@ from wil_campaign.campaigns.setup.case_setup import (
 )
 from wil_campaign.campaigns.setup.fault_setups import fault_setups
 from wil_campaign.campaigns.setup.oracle_uses import oracle_uses
-from wil_campaign.campaigns.setup.vehicle_fences import Drawing, fences_of
+from wil_campaign.campaigns.setup.vehicle_fences import FenceDrawing, fences_of_vehicles
 from wil_campaign.campaigns.setup.vehicle_setups import vehicle_setups
-from wil_campaign.foundation.files.documents import BadInput, Document, Problem, check
+from wil_campaign.foundation.files.documents import BadInput, Document, Problem, check_document
 from wil_campaign.hooks import autonomy_kinds, run_observers
-from wil_campaign.installed_plugins import added, load
+from wil_campaign.installed_plugins import load_plugin_object, plugin_additions
 from wil_campaign.recipes.language.recipe_document import RecipePart, load_recipe
-from wil_campaign.recipes.model.registry import steps
+from wil_campaign.recipes.model.registry import registered_steps
 from wil_campaign.safety.evaluation.judge import OracleUse
 from wil_campaign.safety.fence.geofence import Fence
 from wil_campaign.safety.oracles.goal import TimeLimitParameters
 from wil_campaign.safety.oracles.registry import oracle_kinds
-from wil_campaign.vehicles.autopilots.registry import strategies
+from wil_campaign.vehicles.autopilots.registry import autopilot_strategies
 from wil_campaign.vehicles.coupling import LIMITS_M
 from wil_campaign.vehicles.embedded.autopilot.known_parameters import known_parameters
 from wil_campaign.vehicles.embedded.profile import Profile
@@ -79,12 +79,12 @@ def read_setup(
     loads_code: whether the autonomy and the user's own steps are loaded to check them.
     """
     problems: list[Problem] = []
-    part = collect_problems(problems, partial(check, files.campaign, campaign_model()))
+    part = collect_problems(problems, partial(check_document, files.campaign, campaign_model()))
     uses, oracle_problems = oracle_uses(files.campaign)
     problems += oracle_problems
     world = _read_case(World.parse, files.world, problems)
     recipe = _read_case(partial(load_recipe, loads_code=loads_code), files.recipe, problems)
-    trial = Trial()
+    trial = AutonomyTrial()
     if part is not None and loads_code:
         # Reported also where the world is missing.
         under_test = _under_test(files, part)
@@ -145,10 +145,10 @@ def load_models() -> None:
     """
     models: list[type[BaseModel]] = [campaign_model(), WorldModel, RecipePart, Profile, SyncSetup]
     models += [kind.parameters for kind in oracle_kinds().values()]
-    models += [step.parameters for step in steps()]
+    models += [step.parameters for step in registered_steps()]
     for model in models:
         model.model_rebuild()
-    for autopilot in strategies():
+    for autopilot in autopilot_strategies():
         known_parameters(autopilot)
 
 
@@ -179,9 +179,12 @@ def _fences(
     """Return the fences of a case by vehicle; problems are collected. world: None where missing."""
     if part.geofence is None:
         return {}
-    drawing = Drawing(files.campaign, files.fences, None if world is None else world.frame)
+    drawing = FenceDrawing(files.campaign, files.fences, None if world is None else world.frame)
     return (
-        collect_problems(problems, partial(fences_of, part.geofence, drawing, ("geofence",))) or {}
+        collect_problems(
+            problems, partial(fences_of_vehicles, part.geofence, drawing, ("geofence",))
+        )
+        or {}
     )
 
 
@@ -240,12 +243,14 @@ def _under_test(files: CaseFiles, part: CampaignPart) -> UnderTest:
 def _foreign_autonomy(part: AutonomyPart) -> ForeignAutonomy | None:
     """Return a case's autonomy of a plugin's kind; None for a class."""
     for name in part.foreign:
-        found: ForeignAutonomy = load(added(autonomy_kinds)[name].setup)(getattr(part, name))
+        found: ForeignAutonomy = load_plugin_object(plugin_additions(autonomy_kinds)[name].setup)(
+            getattr(part, name)
+        )
         return found
     return None
 
 
-def unique(problems: list[Problem]) -> tuple[Problem, ...]:
+def unique_problems(problems: list[Problem]) -> tuple[Problem, ...]:
     """Return the problems of a case once each, by file and in the order of lines."""
     files = list(dict.fromkeys(problem.file for problem in problems))
     ordered = sorted(dict.fromkeys(problems), key=lambda p: (files.index(p.file), p.line, p.column))
@@ -257,8 +262,8 @@ def observer_setups(
 ) -> dict[str, ObserverSetup]:
     """Return the observers' setups of a case by their keys; problems are collected."""
     found: dict[str, ObserverSetup] = {}
-    for name, observer in added(run_observers).items():
-        setup = load(observer.setup)(getattr(part, name), file, part, problems)
+    for name, observer in plugin_additions(run_observers).items():
+        setup = load_plugin_object(observer.setup)(getattr(part, name), file, part, problems)
         if setup is not None:
             found[name] = setup
     return found

@@ -10,25 +10,25 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from wil_campaign.campaigns.expansion.case_reader import unique
-from wil_campaign.campaigns.expansion.omissions import set_texts
+from wil_campaign.campaigns.expansion.case_reader import unique_problems
+from wil_campaign.campaigns.expansion.omissions import set_option_caveats
 from wil_campaign.campaigns.schema.composition import CompositionPart
 from wil_campaign.foundation.files.documents import (
     BadInput,
     Document,
     Problem,
-    check,
-    closest,
-    load,
+    check_document,
+    closest_word,
+    load_document,
 )
 from wil_campaign.foundation.files.paths import is_file, is_folder
 from wil_campaign.hooks import operator_channels
-from wil_campaign.installed_plugins import added
+from wil_campaign.installed_plugins import plugin_additions
 
 if TYPE_CHECKING:
-    from wil_campaign.campaigns.expansion.expansion import Campaign, Options, RunPlan
+    from wil_campaign.campaigns.expansion.expansion import Campaign, ExpansionOptions, RunPlan
 
-    Load = Callable[[Path, Options], Campaign]
+    Load = Callable[[Path, ExpansionOptions], Campaign]
 
 
 def is_composition(document: Document) -> bool:
@@ -36,17 +36,19 @@ def is_composition(document: Document) -> bool:
     return document.get(("campaigns",)) is not None
 
 
-def compose(document: Document, options: "Options", load_part: "Load") -> "Campaign":
+def compose_campaigns(
+    document: Document, options: "ExpansionOptions", load_part: "Load"
+) -> "Campaign":
     """Return the campaign of a file that names others, expanded. Raises BadInput.
 
     load_part: expands one campaign file. Cases and controls are named `part.case`; options select
     them by these names, and otherwise apply to every part.
     """
-    part = check(document, CompositionPart)
+    part = check_document(document, CompositionPart)
     problems: list[Problem] = []
     warnings: list[Problem] = []
     whole: dict[str, Campaign] = {}
-    of_parts: dict[str, Options] = {}
+    of_parts: dict[str, ExpansionOptions] = {}
     for name, file in part.campaigns.items():
         try:
             own = _part_document(document, name, file)
@@ -56,7 +58,7 @@ def compose(document: Document, options: "Options", load_part: "Load") -> "Campa
             problems += error.problems
             warnings += error.warnings
     if problems:
-        raise BadInput(unique(problems), unique(warnings))
+        raise BadInput(unique_problems(problems), unique_problems(warnings))
     _require_known(document, part, whole)
     chosen = _choose(whole, options.cases)
     parts, left_out = {}, []
@@ -79,15 +81,17 @@ def _part_document(document: Document, name: str, file: str) -> Document:
     if not is_file(path):
         others = [one.name for one in path.parent.glob("*.yaml")] if is_folder(path.parent) else []
         message = f"campaign file '{file}' does not exist"
-        raise BadInput([document.problem(at, message, closest(file, others))])
-    own = load(path)
+        raise BadInput([document.problem(at, message, closest_word(file, others))])
+    own = load_document(path)
     if is_composition(own):
         message = f"'{file}' is itself made of campaigns; list those here"
         raise BadInput([document.problem(at, message)])
     return own
 
 
-def _part_options(own: Document, part: CompositionPart, options: "Options") -> "Options":
+def _part_options(
+    own: Document, part: CompositionPart, options: "ExpansionOptions"
+) -> "ExpansionOptions":
     """Return the options with which a part of a composition is loaded, with all its cases.
 
     The composition's modes are added to those of the part's own file, and alone selected.
@@ -122,7 +126,7 @@ def _require_known(
         document.problem(
             ("published", "passed", case),
             f"published names an unknown case '{case}'",
-            closest(case, known),
+            closest_word(case, known),
             key=True,
         )
         for case in (part.published.passed if part.published is not None else ())
@@ -151,7 +155,10 @@ def _require_same(document: Document, parts: Mapping[str, "Campaign"]) -> None:
 
 def _once(campaign: "Campaign") -> Mapping[str, object]:
     """Return what a campaign has once for all runs, by its name for users."""
-    channels = {f"operator.{key}": campaign.operators.get(key) for key in added(operator_channels)}
+    channels = {
+        f"operator.{key}": campaign.operators.get(key)
+        for key in plugin_additions(operator_channels)
+    }
     test = {"the sequential test of repetitions": campaign.test}
     return {"between_runs": campaign.between} | channels | test
 
@@ -170,7 +177,7 @@ def _choose(
             0,
             f"matches none of {', '.join(full)}",
             "",
-            closest(pattern, full),
+            closest_word(pattern, full),
         )
         for pattern in given
         if not any(fnmatchcase(name, pattern) for name in full)
@@ -192,7 +199,7 @@ def _merge(
     part: CompositionPart,
     parts: Mapping[str, "Campaign"],
     left_out: list[str],
-    options: "Options",
+    options: "ExpansionOptions",
 ) -> "Campaign":
     """Return the campaigns as one, every case and control with its part's name before it."""
     first = next(iter(parts.values()))
@@ -226,12 +233,14 @@ def _merge(
         ),
         left_out=tuple(left),
         controls=tuple(controls) if part.fly_controls else (),
-        warnings=unique([warning for campaign in parts.values() for warning in campaign.warnings]),
+        warnings=unique_problems(
+            [warning for campaign in parts.values() for warning in campaign.warnings]
+        ),
         caveats=(
             *dict.fromkeys(
                 f"{name}: {caveat}" for name, campaign in each for caveat in campaign.caveats
             ),
-            *set_texts(options.sets, None),
+            *set_option_caveats(options.sets, None),
         ),
         options=options,
         benches=tuple(

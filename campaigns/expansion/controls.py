@@ -11,7 +11,7 @@ from wil_campaign.campaigns.setup.case_files import CaseFiles, case_files
 from wil_campaign.campaigns.setup.case_setup import Case
 from wil_campaign.campaigns.setup.overrides import Override, overrides_at, overrides_of_case
 from wil_campaign.campaigns.values.expectation import Expectation
-from wil_campaign.foundation.files.documents import Document, Problem, closest
+from wil_campaign.foundation.files.documents import Document, Problem, closest_word
 from wil_campaign.safety.evaluation.judge import ALWAYS_JUDGED
 
 _IN_ANY_REASON = frozenset(
@@ -24,7 +24,7 @@ _SHORTEST = 3
 """Least number of letters of a word by which a cause is recognised."""
 
 
-def expectation(part: CampaignPart, control: ControlPart, setup: Case) -> Expectation:
+def control_expectation(part: CampaignPart, control: ControlPart, setup: Case) -> Expectation:
     """Return the expected end of a control run, and the case that the control changes."""
     case = control.case or next(iter(part.cases))
     expect = control.expect
@@ -38,7 +38,7 @@ def _cause(cause: str | None, setup: Case) -> str | None:
     return cause
 
 
-def modes_of(part: CampaignPart, control: ControlPart) -> tuple[Mode, ...]:
+def modes_of_control(part: CampaignPart, control: ControlPart) -> tuple[Mode, ...]:
     """Return the modes in which a control is flown, in the campaign's order."""
     return tuple(mode for mode in part.modes if control.modes is None or mode in control.modes)
 
@@ -79,7 +79,7 @@ def control_problems(
             yield base.problem(path, message, key=True)
         if control.case is not None and control.case not in part.cases:
             message = f"there is no case '{control.case}'"
-            yield base.problem((*path, "case"), message, closest(control.case, part.cases))
+            yield base.problem((*path, "case"), message, closest_word(control.case, part.cases))
         for index, mode in enumerate(control.modes or ()):
             if mode not in part.modes:
                 message = f"mode '{mode}' is not flown (modes: {', '.join(part.modes)})"
@@ -99,7 +99,7 @@ def _oracle_problems(base: Document, name: str, oracle: str, case: Case) -> Iter
     elif oracle not in required and oracle not in ALWAYS_JUDGED:
         known = (*required, *ALWAYS_JUDGED)
         message = f"no oracle '{oracle}' judges this control (there are {', '.join(known)})"
-        yield base.problem(path, message, closest(oracle, known))
+        yield base.problem(path, message, closest_word(oracle, known))
 
 
 def control_warnings(base: Document, part: CampaignPart) -> Iterator[Problem]:

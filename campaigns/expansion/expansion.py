@@ -9,51 +9,63 @@ from pathlib import Path
 from wil_campaign.campaigns.checks.autonomy_checks import IsolatedBuilds
 from wil_campaign.campaigns.checks.case_warnings import case_warnings, caveats_of
 from wil_campaign.campaigns.checks.import_warnings import import_warnings
-from wil_campaign.campaigns.expansion.case_problems import with_cases
-from wil_campaign.campaigns.expansion.case_reader import collect_problems, read_setup, unique
-from wil_campaign.campaigns.expansion.composition import compose, is_composition
+from wil_campaign.campaigns.expansion.case_problems import problems_with_cases
+from wil_campaign.campaigns.expansion.case_reader import (
+    collect_problems,
+    read_setup,
+    unique_problems,
+)
+from wil_campaign.campaigns.expansion.composition import compose_campaigns, is_composition
 from wil_campaign.campaigns.expansion.controls import (
+    control_expectation,
     control_problems,
     control_warnings,
-    expectation,
     files_of_controls,
-    modes_of,
+    modes_of_control,
 )
-from wil_campaign.campaigns.expansion.omissions import as_required, left_out, set_texts
+from wil_campaign.campaigns.expansion.omissions import (
+    campaign_as_required,
+    left_out_requirements,
+    set_option_caveats,
+)
 from wil_campaign.campaigns.expansion.requirements import (
     required_shares,
     unflown_firmware,
-    unknown_published,
+    unknown_published_cases,
 )
 from wil_campaign.campaigns.schema import DEFAULT_CASE, CampaignPart, Mode, campaign_model
 from wil_campaign.campaigns.schema.bench import BenchRequestPart
 from wil_campaign.campaigns.schema.between_runs import BetweenRunsPart
 from wil_campaign.campaigns.schema.composition import CompositionPart
 from wil_campaign.campaigns.setup.bench_file import Bench
-from wil_campaign.campaigns.setup.bench_resolution import bench_request, choose_bench, completion_of
+from wil_campaign.campaigns.setup.bench_resolution import (
+    bench_completion,
+    bench_request,
+    choose_bench,
+)
 from wil_campaign.campaigns.setup.case_files import CaseFiles, case_files
 from wil_campaign.campaigns.setup.case_setup import Case
 from wil_campaign.campaigns.setup.overrides import Override, override_from_option, overrides_of_case
 from wil_campaign.campaigns.statistics.sequential_test import SequentialTest
-from wil_campaign.campaigns.values.acceptance import Requirement, Share
+from wil_campaign.campaigns.values.acceptance import PassRequirement, PassShare
 from wil_campaign.campaigns.values.expectation import Expectation
 from wil_campaign.campaigns.values.seeds import run_seed
 from wil_campaign.foundation.files.documents import (
     BadInput,
     Document,
     Problem,
-    check,
-    closest,
-    load,
-    parse_value,
+    check_document,
+    closest_word,
+    load_document,
+    parse_option_value,
 )
 from wil_campaign.foundation.files.paths import is_file
 from wil_campaign.hooks import operator_channels
-from wil_campaign.installed_plugins import added
+from wil_campaign.installed_plugins import plugin_additions
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Options:
+class ExpansionOptions:
     """The command line's selections and overrides before expansion; None keeps the file's.
 
     cases: globs. sets: KEY=VALUE as given to --set, which win over the overrides of a case.
@@ -79,7 +91,7 @@ class RunPlan:
     """One planned run of the expansion; picklable. repetition from 1; required: for `accept`.
 
     retries: how often it is flown again where it ends as ERROR or INVALID. control: how it must
-    end, if it is one; its name then is the case. loads_code: see `Options`.
+    end, if it is one; its name then is the case. loads_code: see `ExpansionOptions`.
     """
 
     campaign: str
@@ -128,7 +140,7 @@ class Campaign:
     seed: int
     setups: Mapping[str, Case]
     runs: tuple[RunPlan, ...]
-    requirements: tuple[Requirement, ...]
+    requirements: tuple[PassRequirement, ...]
     left_out: tuple[str, ...] = ()
     operators: Mapping[str, object] = field(default_factory=dict)
     test: SequentialTest | None = None
@@ -136,7 +148,7 @@ class Campaign:
     controls: tuple[RunPlan, ...] = ()
     warnings: tuple[Problem, ...] = ()
     caveats: tuple[str, ...] = ()
-    options: Options = Options()
+    options: ExpansionOptions = ExpansionOptions()
     benches: tuple[Bench, ...] = ()
 
     @property
@@ -174,23 +186,23 @@ class _Selected:
 
     names: tuple[str, ...]
     modes: tuple[Mode, ...]
-    shares: Mapping[tuple[str, str], Share]
+    shares: Mapping[tuple[str, str], PassShare]
     operators: Mapping[str, object]
     cases: tuple[str, ...]
     runs: tuple[tuple[str, Mode], ...]
     controls: tuple[RunPlan, ...]
 
 
-def load_campaign(path: Path, options: Options | None = None) -> Campaign:
+def load_campaign(path: Path, options: ExpansionOptions | None = None) -> Campaign:
     """Return a campaign file expanded into its runs. Raises BadInput with every problem."""
-    options = options or Options()
-    original = load(path)
+    options = options or ExpansionOptions()
+    original = load_document(path)
     if is_composition(original):
-        return compose(original, options, load_campaign)
+        return compose_campaigns(original, options, load_campaign)
     read = _read(original, options)
     selected = _select(read, options)
     part, bench, files, setups = read.part, read.bench, read.files, read.setups
-    caveats = with_cases(
+    caveats = problems_with_cases(
         {name: caveats_of(files[name], setups[name], tuple(part.modes)) for name in selected.cases},
         selected.cases,
     )
@@ -198,13 +210,13 @@ def load_campaign(path: Path, options: Options | None = None) -> Campaign:
         f"fault injected: {fault}" for name in selected.cases for fault in setups[name].faults
     ]
     # A composition's own options hold for all of its parts: it names them once.
-    given = [] if options.composition else set_texts(options.sets, original)
-    warnings = with_cases(
+    given = [] if options.composition else set_option_caveats(options.sets, original)
+    warnings = problems_with_cases(
         {name: _warnings(part, name, files[name], setups[name]) for name in selected.names},
         selected.cases,
     )
     warnings += [*control_warnings(read.document, part), *_idle_operator(read.document, part)]
-    required = as_required(original, read.document, part, options.composition)
+    required = campaign_as_required(original, read.document, part, options.composition)
     flown = {*selected.runs, *((plan.case, plan.mode) for plan in selected.controls)}
     return Campaign(
         name=part.campaign,
@@ -218,32 +230,32 @@ def load_campaign(path: Path, options: Options | None = None) -> Campaign:
         setups={name: setups[name] for name in selected.names},
         runs=tuple(_runs(read, selected, options)),
         requirements=tuple(
-            Requirement(case, mode, selected.shares[case, mode], part.sequential_test)
+            PassRequirement(case, mode, selected.shares[case, mode], part.sequential_test)
             for case, mode in selected.runs
             if (case, mode) in selected.shares
         ),
-        left_out=left_out(required, part, flown, selected.shares),
+        left_out=left_out_requirements(required, part, flown, selected.shares),
         operators=selected.operators,
         test=part.sequential_test,
         between=part.between_runs,
         controls=selected.controls,
-        warnings=unique([*caveats, *warnings]),
+        warnings=unique_problems([*caveats, *warnings]),
         caveats=tuple(dict.fromkeys([caveat.message for caveat in caveats] + injected + given)),
         options=options,
         benches=() if bench is None else (bench,),
     )
 
 
-def _read(original: Document, options: Options) -> _Read:
+def _read(original: Document, options: ExpansionOptions) -> _Read:
     """Return a campaign's files of every case and control. Raises BadInput with every problem."""
     overrides = _option_overrides(options)
     plain = _with_overrides(original, overrides)
     bench = choose_bench(plain, options.benches)
-    complete = completion_of(bench)
+    complete = bench_completion(bench)
     document = complete(plain)
     problems: list[Problem] = []
     warnings: list[Problem] = []
-    part = collect_problems(problems, partial(check, document, campaign_model()))
+    part = collect_problems(problems, partial(check_document, document, campaign_model()))
     files = _files_of_cases(plain, overrides, problems, complete)
     of_controls = files_of_controls(plain, part, overrides, problems, complete)
     read = partial(
@@ -255,14 +267,14 @@ def _read(original: Document, options: Options) -> _Read:
     setups = _setups(read, files, () if part is None else tuple(part.modes), bad)
     if part is not None:
         for name, of_control in of_controls.items():
-            flown = modes_of(part, part.controls[name])
+            flown = modes_of_control(part, part.controls[name])
             setups |= _setups(read, {name: of_control}, flown, bad)
-    problems += with_cases({name: error.problems for name, error in bad.items()}, files)
-    warnings += with_cases({name: error.warnings for name, error in bad.items()}, files)
+    problems += problems_with_cases({name: error.problems for name, error in bad.items()}, files)
+    warnings += problems_with_cases({name: error.warnings for name, error in bad.items()}, files)
     if part is not None:
         problems += control_problems(document, part, setups)
     if part is None or problems:
-        raise BadInput(unique(problems), unique(warnings))
+        raise BadInput(unique_problems(problems), unique_problems(warnings))
     return _Read(
         original=original,
         document=document,
@@ -273,20 +285,20 @@ def _read(original: Document, options: Options) -> _Read:
     )
 
 
-def _select(read: _Read, options: Options) -> _Selected:
+def _select(read: _Read, options: ExpansionOptions) -> _Selected:
     """Return what the command line selects. Raises BadInput with every problem."""
     part, problems = read.part, list[Problem]()
     names = _select_cases("--case", options.cases, (*part.cases, *part.controls), problems)
     mode_names = _select_cases("--mode", options.modes, tuple(part.modes), problems)
     shares = required_shares(read.original, read.document, part, problems)
-    problems += unknown_published(read.document, part)
+    problems += unknown_published_cases(read.document, part)
     problems += unflown_firmware(read.document, part, read.setups)
     operators = {
         name: channel.setup(read.document, part.operator, problems)
         for name, channel in part.operator.channels.items()
     }
     if problems:
-        raise BadInput(unique(problems))
+        raise BadInput(unique_problems(problems))
     cases = tuple(name for name in names if name in part.cases)
     modes = tuple(mode for mode in part.modes if mode in mode_names)
     return _Selected(
@@ -304,12 +316,14 @@ def _select(read: _Read, options: Options) -> _Selected:
     )
 
 
-def requested_bench(path: Path, options: Options) -> tuple[Document, BenchRequestPart] | None:
+def requested_bench(
+    path: Path, options: ExpansionOptions
+) -> tuple[Document, BenchRequestPart] | None:
     """Return a campaign's document and its request for a bench. Raises BadInput.
 
     None without a request, and for a composition, whose parts ask for benches of this machine.
     """
-    original = load(path)
+    original = load_document(path)
     if is_composition(original):
         return None
     document = _with_overrides(original, _option_overrides(options))
@@ -326,7 +340,7 @@ def _paths(files: Iterable[CaseFiles], bench: Bench | None) -> tuple[Path, ...]:
 
 def _warnings(part: CampaignPart, name: str, file: CaseFiles, setup: Case) -> Iterator[Problem]:
     control = part.controls.get(name)
-    modes = tuple(part.modes) if control is None else modes_of(part, control)
+    modes = tuple(part.modes) if control is None else modes_of_control(part, control)
     yield from case_warnings(file, setup, modes)
     yield from import_warnings(file, setup)
 
@@ -335,11 +349,12 @@ def _idle_operator(base: Document, part: CampaignPart) -> Iterator[Problem]:
     """Yield a warning for what is done on the loss of operators that the campaign does not have."""
     operator = part.operator
     if operator.on_operator_loss != "continue" and not operator.channels:
-        message = f"never acts: no channel of operators ({', '.join(added(operator_channels))})"
+        channels = ", ".join(plugin_additions(operator_channels))
+        message = f"never acts: no channel of operators ({channels})"
         yield base.problem(("operator", "on_operator_loss"), message)
 
 
-def _option_overrides(options: Options) -> tuple[Override, ...]:
+def _option_overrides(options: ExpansionOptions) -> tuple[Override, ...]:
     """Return --set, --repetitions and --seed as overrides of the campaign to be expanded."""
     problems: list[Problem] = []
     found = [
@@ -348,7 +363,7 @@ def _option_overrides(options: Options) -> tuple[Override, ...]:
     ]
     for key, value in (("repetitions", options.repetitions), ("seed", options.seed)):
         if value is not None:
-            entry = parse_value(str(value), name=f"--{key} {value}")
+            entry = parse_option_value(str(value), name=f"--{key} {value}")
             found.append(Override(key, entry))
     if problems:
         raise BadInput(problems)
@@ -404,14 +419,14 @@ def _select_cases(
         if not any(fnmatchcase(name, pattern) for name in known):
             message = f"matches none of {', '.join(known)}"
             problems.append(
-                Problem(f"{option} {pattern}", 0, 0, message, "", closest(pattern, known))
+                Problem(f"{option} {pattern}", 0, 0, message, "", closest_word(pattern, known))
             )
     if not patterns:
         return known
     return tuple(name for name in known if any(fnmatchcase(name, p) for p in patterns))
 
 
-def _runs(read: _Read, selected: _Selected, options: Options) -> Iterable[RunPlan]:
+def _runs(read: _Read, selected: _Selected, options: ExpansionOptions) -> Iterable[RunPlan]:
     """Yield the planned runs of the selected cases and modes, repetition by repetition."""
     part = read.part
     for case, mode in selected.runs:
@@ -430,16 +445,16 @@ def _runs(read: _Read, selected: _Selected, options: Options) -> Iterable[RunPla
             )
 
 
-def _controls(read: _Read, options: Options) -> Iterable[RunPlan]:
+def _controls(read: _Read, options: ExpansionOptions) -> Iterable[RunPlan]:
     """Yield each control run of the expansion once in each of its modes.
 
     Its seed is that of the first repetition of the case that it changes: nothing else differs.
     """
     part = read.part
     for name, control in part.controls.items():
-        expected = expectation(part, control, read.setups[name])
+        expected = control_expectation(part, control, read.setups[name])
         seed = run_seed(part.seed, expected.case, 1)
-        for mode in modes_of(part, control):
+        for mode in modes_of_control(part, control):
             yield RunPlan(
                 campaign=part.campaign,
                 case=name,

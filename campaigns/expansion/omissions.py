@@ -5,23 +5,23 @@ from collections.abc import Collection, Iterable, Iterator, Mapping
 from functools import partial
 
 from wil_campaign.campaigns.expansion.case_reader import collect_problems
-from wil_campaign.campaigns.expansion.controls import modes_of
+from wil_campaign.campaigns.expansion.controls import modes_of_control
 from wil_campaign.campaigns.schema import CampaignPart, campaign_model
 from wil_campaign.campaigns.schema.composition import CompositionPart
 from wil_campaign.campaigns.setup.overrides import override_from_option
-from wil_campaign.campaigns.values.acceptance import DECIDED, Share, parse_share
-from wil_campaign.foundation.files.documents import Document, check
+from wil_campaign.campaigns.values.acceptance import DECIDED, PassShare, parse_pass_share
+from wil_campaign.foundation.files.documents import Document, check_document
 from wil_campaign.foundation.files.yaml_nodes import mapping_node
 
 _REQUIRING = ("modes", "cases", "controls", "repetitions", "oracles", "accept")
 """Keys of a campaign file that say what it requires."""
 
 
-def left_out(
+def left_out_requirements(
     required: CampaignPart,
     part: CampaignPart,
     chosen: Collection[tuple[str, str]],
-    shares: Mapping[tuple[str, str], Share],
+    shares: Mapping[tuple[str, str], PassShare],
 ) -> tuple[str, ...]:
     """Return the omissions of a run: what the file requires and the options leave out.
 
@@ -38,7 +38,7 @@ def left_out(
     left += [
         f"the control {name}/{mode}"
         for name, control in required.controls.items()
-        for mode in modes_of(required, control)
+        for mode in modes_of_control(required, control)
         if (name, mode) not in chosen
     ]
     left += [
@@ -50,7 +50,7 @@ def left_out(
     return tuple(left)
 
 
-def set_texts(sets: Iterable[str], original: Document | None) -> list[str]:
+def set_option_caveats(sets: Iterable[str], original: Document | None) -> list[str]:
     """Return the caveats of --set options, with what the file says in its own keys.
 
     A limit may be among them: a PASS by it is no PASS of the file. original: the file as it is
@@ -68,7 +68,7 @@ def set_texts(sets: Iterable[str], original: Document | None) -> list[str]:
     return found
 
 
-def as_required(
+def campaign_as_required(
     original: Document,
     document: Document,
     part: CampaignPart,
@@ -82,7 +82,7 @@ def as_required(
     for key in _REQUIRING:
         if original.get((key,)) != document.get((key,)):
             written = _with_key_of(original, document, key)
-            found = collect_problems([], partial(check, written, campaign_model()))
+            found = collect_problems([], partial(check_document, written, campaign_model()))
             if found is not None:
                 part = part.model_copy(update={key: getattr(found, key)})
     return part if composition is None else _with_composition(part, composition)
@@ -119,7 +119,7 @@ def _runs(
     required: CampaignPart,
     part: CampaignPart,
     chosen: Collection[tuple[str, str]],
-    shares: Mapping[tuple[str, str], Share],
+    shares: Mapping[tuple[str, str], PassShare],
 ) -> Iterator[str]:
     """Yield required cases and modes that the command line's options omit or weaken."""
     for (case, mode), share in _required_shares(required).items():
@@ -130,13 +130,13 @@ def _runs(
             yield f"{case}/{mode} {share} (only {now})"
 
 
-def _required_shares(part: CampaignPart) -> dict[tuple[str, str], Share]:
+def _required_shares(part: CampaignPart) -> dict[tuple[str, str], PassShare]:
     """Return the required share of passes by case and mode, to find omissions."""
-    whole = Share(part.most_repetitions, part.most_repetitions)
+    whole = PassShare(part.most_repetitions, part.most_repetitions)
     if part.wanted_shares is None:
         return {(case, mode): whole for case in part.cases for mode in part.modes}
     return {
-        (case, mode): whole if text == DECIDED else parse_share(text)
+        (case, mode): whole if text == DECIDED else parse_pass_share(text)
         for case, shares in part.wanted_shares.items()
         for mode, text in shares.items()
     }

@@ -11,7 +11,7 @@ from wil_campaign.campaigns.schema.vehicles import (
     SigningPart,
     StartPart,
     TelemetryPart,
-    vehicle_link,
+    require_vehicle_link,
 )
 from wil_campaign.foundation.files.documents import KeyFaultError, Part
 from wil_campaign.safety.fence.fence_schema import FencePart
@@ -60,7 +60,7 @@ class ActorPart(Part):
     position.
     """
 
-    link: Annotated[str, AfterValidator(vehicle_link)] | AnyLaunch
+    link: Annotated[str, AfterValidator(require_vehicle_link)] | AnyLaunch
     virtual: Literal["embedded"] | ElsewherePart | None = None
     autopilot: AutopilotName
     profile: Text = "nominal"

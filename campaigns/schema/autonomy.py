@@ -5,7 +5,7 @@ from typing import Annotated, Any, ClassVar, Self
 
 from pydantic import Field, JsonValue, create_model, model_validator
 
-from wil_campaign.campaigns.schema.operator import refused
+from wil_campaign.campaigns.schema.operator import refused_key_type
 from wil_campaign.campaigns.values.autonomy_limits import (
     LONGEST_BUILD_S,
     LONGEST_CALL_S,
@@ -13,7 +13,7 @@ from wil_campaign.campaigns.values.autonomy_limits import (
 )
 from wil_campaign.foundation.files.documents import KeyFaultError, Part
 from wil_campaign.hooks import autonomy_kinds
-from wil_campaign.installed_plugins import absent, added, load
+from wil_campaign.installed_plugins import absent_additions, load_plugin_object, plugin_additions
 
 _DEFAULT = AutonomyLimits()
 
@@ -50,7 +50,7 @@ class AutonomyPart(Part):
     @property
     def foreign(self) -> tuple[str, ...]:
         """Return the keys of plugins' kinds of autonomy that the campaign has: one, or none."""
-        kinds = added(autonomy_kinds)
+        kinds = plugin_additions(autonomy_kinds)
         return tuple(name for name in kinds if getattr(self, name, None) is not None)
 
     @model_validator(mode="before")
@@ -65,11 +65,11 @@ class AutonomyPart(Part):
         if self.use is None and not self.foreign:
             others = (
                 f"{autonomy_kind.name}: ({autonomy_kind.value})"
-                for autonomy_kind in added(autonomy_kinds).values()
+                for autonomy_kind in plugin_additions(autonomy_kinds).values()
             )
             raise ValueError(f"give {' or '.join(('use: (a class)', *others))}")
         for name in self.foreign[:1]:
-            kind = added(autonomy_kinds)[name]
+            kind = plugin_additions(autonomy_kinds)[name]
             why = f"has no effect with a {kind.noun or name}"
             # What the run calls has a rate, and a limit of a call.
             keys, limits = (
@@ -87,9 +87,12 @@ class AutonomyPart(Part):
 @cache
 def autonomy_model() -> type[AutonomyPart]:
     """Return the model of `autonomy`, with the kinds that plugins add."""
-    kinds = added(autonomy_kinds, AutonomyPart.model_fields)
-    keys = {name: load(kind.field)() for name, kind in kinds.items()}
-    keys |= {name: (refused(why), None) for name, why in absent(autonomy_kinds).items()}
+    kinds = plugin_additions(autonomy_kinds, AutonomyPart.model_fields)
+    keys = {name: load_plugin_object(kind.field)() for name, kind in kinds.items()}
+    keys |= {
+        name: (refused_key_type(why), None)
+        for name, why in absent_additions(autonomy_kinds).items()
+    }
     return create_model(
         AutonomyPart.__name__, __base__=AutonomyPart, __doc__=AutonomyPart.__doc__, **keys
     )

@@ -5,7 +5,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from wil_campaign.campaigns.schema.sensors import Distortion, Focal, Pixels
-from wil_campaign.foundation.files.documents import Document, Part, check
+from wil_campaign.foundation.files.documents import Document, Part, check_document
 from wil_campaign.vehicles.sensors.sensor_spec import MountPart
 from wil_campaign.worlds.camera import Intrinsics
 
@@ -64,4 +64,4 @@ class CalibrationPart(Part):
 
 def read_calibration(document: Document) -> CalibrationPart:
     """Return the calibration in a document. Raises BadInput."""
-    return check(document, CalibrationPart)
+    return check_document(document, CalibrationPart)

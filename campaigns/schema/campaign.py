@@ -23,15 +23,19 @@ from wil_campaign.campaigns.schema.controls import ControlPart
 from wil_campaign.campaigns.schema.faults import FaultsPart
 from wil_campaign.campaigns.schema.fence import GeofencePart
 from wil_campaign.campaigns.schema.limits import LimitsPart
-from wil_campaign.campaigns.schema.operator import OperatorPart, operator_model, refused
+from wil_campaign.campaigns.schema.operator import OperatorPart, operator_model, refused_key_type
 from wil_campaign.campaigns.schema.preflight import PreflightPart
 from wil_campaign.campaigns.schema.vehicles import Speedup, VehiclesPart
 from wil_campaign.campaigns.statistics.sequential_test import SequentialTest
-from wil_campaign.campaigns.values.acceptance import DECIDED, parse_share
-from wil_campaign.campaigns.values.wanted_firmware import FIRMWARE, check_version, names_versions
+from wil_campaign.campaigns.values.acceptance import DECIDED, parse_pass_share
+from wil_campaign.campaigns.values.wanted_firmware import (
+    FIRMWARE,
+    check_firmware_version,
+    names_versions,
+)
 from wil_campaign.foundation.files.documents import KeyFaultError, Part
 from wil_campaign.hooks import campaign_keys, recording_formats, run_observers
-from wil_campaign.installed_plugins import absent, added, load
+from wil_campaign.installed_plugins import absent_additions, load_plugin_object, plugin_additions
 
 Mode = Literal["sim", "wil", "real"]
 Takeoff = Literal["liftoff", "command"]
@@ -60,7 +64,7 @@ _MATRIX_KEYS = frozenset(
 
 def matrix_keys() -> frozenset[str]:
     """Return the keys that define the matrix of runs, and so cannot differ from case to case."""
-    of_plugins = added(campaign_keys).values()
+    of_plugins = plugin_additions(campaign_keys).values()
     return _MATRIX_KEYS.union(key.name for key in of_plugins if not key.varies)
 
 
@@ -170,11 +174,11 @@ ImageFormat = Literal["jpeg", "png", "raw", "none"]
 
 def _recording_format(name: str) -> str:
     """Refuse a form of recordings that there is not, or that cannot be written here."""
-    if why := absent(recording_formats).get(name):
+    if why := absent_additions(recording_formats).get(name):
         raise ValueError(why)
-    if name not in (known := added(recording_formats)):
+    if name not in (known := plugin_additions(recording_formats)):
         raise PydanticKnownError("literal_error", {"expected": " or ".join(map(repr, known))})
-    if why := load(known[name].trouble)():
+    if why := load_plugin_object(known[name].trouble)():
         raise ValueError(why)
     return name
 
@@ -351,7 +355,7 @@ class CampaignPart(Part):
                 if share == DECIDED:
                     continue
                 try:
-                    parse_share(share)
+                    parse_pass_share(share)
                 except ValueError as error:
                     raise KeyFaultError((case, mode), str(error)) from error
         return accept
@@ -363,7 +367,7 @@ def _check_versions(versions: dict[str, str]) -> None:
         if vehicle not in {"real", "twin"}:
             raise KeyFaultError((FIRMWARE, vehicle), "must be of real or twin")
         try:
-            check_version(text)
+            check_firmware_version(text)
         except ValueError as error:
             raise KeyFaultError((FIRMWARE, vehicle), str(error)) from error
 
@@ -376,13 +380,15 @@ def campaign_model() -> type[CampaignPart]:
     """
     own = frozenset(CampaignPart.model_fields)
     keys: dict[str, Any] = {
-        name: (load(key.part) | None, Field(default=None, description=key.summary))
-        for name, key in added(campaign_keys, own).items()
+        name: (load_plugin_object(key.part) | None, Field(default=None, description=key.summary))
+        for name, key in plugin_additions(campaign_keys, own).items()
     }
-    observers = added(run_observers, own.union(keys))
-    keys |= {name: load(observer.field)() for name, observer in observers.items()}
+    observers = plugin_additions(run_observers, own.union(keys))
+    keys |= {name: load_plugin_object(observer.field)() for name, observer in observers.items()}
     for hook in (campaign_keys, run_observers):
-        keys |= {name: (refused(why), None) for name, why in absent(hook).items()}
+        keys |= {
+            name: (refused_key_type(why), None) for name, why in absent_additions(hook).items()
+        }
     keys["operator"] = (operator_model(), operator_model()())
     keys["autonomy"] = (autonomy_model(), ...)
     return create_model(

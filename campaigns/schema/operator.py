@@ -8,7 +8,7 @@ from pydantic import AfterValidator, Field, JsonValue, create_model
 
 from wil_campaign.foundation.files.documents import Document, Part, Problem
 from wil_campaign.hooks import operator_channels
-from wil_campaign.installed_plugins import absent, added, load
+from wil_campaign.installed_plugins import absent_additions, load_plugin_object, plugin_additions
 from wil_campaign.vehicles.links.link_strings import LinkAddressError, parse_link
 
 
@@ -57,7 +57,7 @@ class OperatorPart(Part):
     @property
     def channels(self) -> dict[str, "ChannelPart"]:
         """Return by their keys the channels that the campaign names."""
-        given = {name: getattr(self, name, None) for name in added(operator_channels)}
+        given = {name: getattr(self, name, None) for name in plugin_additions(operator_channels)}
         return {name: part for name, part in given.items() if part is not None}
 
 
@@ -78,16 +78,22 @@ class ChannelPart(Part):
 def operator_model() -> type[OperatorPart]:
     """Return the model of `operator`, with the channels that plugins add."""
     keys: dict[str, Any] = {
-        name: (load(channel.part) | None, Field(default=None, description=channel.summary))
-        for name, channel in added(operator_channels).items()
+        name: (
+            load_plugin_object(channel.part) | None,
+            Field(default=None, description=channel.summary),
+        )
+        for name, channel in plugin_additions(operator_channels).items()
     }
-    keys |= {name: (refused(why), None) for name, why in absent(operator_channels).items()}
+    keys |= {
+        name: (refused_key_type(why), None)
+        for name, why in absent_additions(operator_channels).items()
+    }
     return create_model(
         OperatorPart.__name__, __base__=OperatorPart, __doc__=OperatorPart.__doc__, **keys
     )
 
 
-def refused(why: str) -> Any:
+def refused_key_type(why: str) -> Any:
     """Return the type of a key of which each value is refused. why: the message."""
 
     def refuse(_: object) -> object:

@@ -10,9 +10,9 @@ from pydantic import AfterValidator, BeforeValidator, Field, create_model, model
 
 from wil_campaign.campaigns.schema.sources import CarriedPart, SourcedPart, SourcePart
 from wil_campaign.campaigns.values.sensor_setups import CameraSetup, DepthSetup
-from wil_campaign.foundation.files.documents import KeyFaultError, Later
+from wil_campaign.foundation.files.documents import KeyFaultError, LaterType
 from wil_campaign.hooks import sensor_types
-from wil_campaign.installed_plugins import absent
+from wil_campaign.installed_plugins import absent_additions
 from wil_campaign.vehicles.readings.kinds import sensor_specs
 from wil_campaign.vehicles.sensors.lens import lens_fault
 from wil_campaign.vehicles.sensors.sensor_spec import MountPart, SensorSpec
@@ -187,10 +187,10 @@ def _any_part() -> Any:
 def _require_installed(given: object) -> object:
     """Return a sensor's keys; raises KeyFaultError for a type whose plugin is absent."""
     named = given.get("type") if isinstance(given, dict) else None
-    if why := absent(sensor_types).get(str(named)):
+    if why := absent_additions(sensor_types).get(str(named)):
         raise KeyFaultError("type", why)
     return given
 
 
-SensorPart = Annotated[CarriedPart, Later(_any_part)]
+SensorPart = Annotated[CarriedPart, LaterType(_any_part)]
 """Any sensor; `type` selects the model."""

@@ -15,14 +15,17 @@ from wil_campaign.campaigns.values.external_setups import (
     SourceKind,
     SourceSetup,
 )
-from wil_campaign.campaigns.values.sensor_setups import OtherSetup, SensorSetup, SourcedSetup
+from wil_campaign.campaigns.values.sensor_setups import OtherSensorSetup, SensorSetup, SourcedSetup
 from wil_campaign.foundation.files.documents import KeyFaultError, Part
-from wil_campaign.foundation.files.paths import exists, is_folder
+from wil_campaign.foundation.files.paths import is_folder, path_exists
 from wil_campaign.hooks import image_sources, motion_captures, sources
-from wil_campaign.installed_plugins import absent, added, load
+from wil_campaign.installed_plugins import absent_additions, load_plugin_object, plugin_additions
 from wil_campaign.vehicles.autopilots.registry import autopilot_named
 from wil_campaign.vehicles.sensors.sensor_spec import SensorOptions
-from wil_campaign.vehicles.sources.readings.mavlink_messages import mavlink_reading, messages_of
+from wil_campaign.vehicles.sources.readings.mavlink_messages import (
+    mavlink_reading,
+    messages_of_sensor,
+)
 
 Milliseconds = Annotated[float, Field(ge=0, le=10_000)]
 Seconds = Annotated[float, Field(gt=0, le=600)]
@@ -101,7 +104,7 @@ class SourcePart(Part):
         if kind is None or address.endswith(".sdp"):
             kind, address = _file(folder, address)
             self._require_effect(kind)
-        if kind in (missing := absent(image_sources)):
+        if kind in (missing := absent_additions(image_sources)):
             raise KeyFaultError("address", missing[kind])
         return SourceSetup(
             kind=kind,
@@ -123,7 +126,7 @@ class SourcePart(Part):
 def _file(folder: Path, name: str) -> tuple[SourceKind, str]:
     """Return kind and path of an image source's file. Raises KeyFaultError if it is missing."""
     path = (folder / name).resolve()
-    if not exists(path):
+    if not path_exists(path):
         raise KeyFaultError("address", f"there is no file or folder '{name}' beside the campaign")
     if path.suffix == ".sdp":
         return "rtp", str(path)
@@ -191,7 +194,7 @@ class ReadingSourcePart(Part):
             return "mavlink"
         of_plugins = {
             name: sensor_source
-            for name, sensor_source in added(sources).items()
+            for name, sensor_source in plugin_additions(sources).items()
             if name not in OWN_SOURCES
         }
         match = re.fullmatch(r"tcp://[^:/@\s]+:(\d{1,5})", self.address)
@@ -200,7 +203,7 @@ class ReadingSourcePart(Part):
         if self.address.endswith(".mcap") and "://" not in self.address:
             return _installed_kind("mcap")
         scheme, is_scheme, _ = self.address.partition("://")
-        if is_scheme and scheme in {*of_plugins, *absent(sources)}:
+        if is_scheme and scheme in {*of_plugins, *absent_additions(sources)}:
             return _installed_kind(scheme)
         fault = "must be mavlink, tcp://HOST:PORT (a ZeroMQ publisher), or an MCAP file (.mcap)"
         fault += "".join(f", or {source.addresses}" for source in of_plugins.values())
@@ -230,7 +233,7 @@ class ReadingSourcePart(Part):
 
 def _installed_kind(kind: str) -> str:
     """Return a kind of source of readings; raises KeyFaultError where its plugin is absent."""
-    if why := absent(sources).get(kind):
+    if why := absent_additions(sources).get(kind):
         raise KeyFaultError("address", why)
     return kind
 
@@ -262,13 +265,13 @@ class SourcedPart(CarriedPart):
         """Return the setup of the sensor, without its source."""
         if not isinstance(self, SensorOptions):
             raise TypeError(f"{type(self).__name__} has no options of a sensor")
-        return OtherSetup(kind=self.type, name=name, options=self)
+        return OtherSensorSetup(kind=self.type, name=name, options=self)
 
     @model_validator(mode="after")
     def _require_fitting_source(self) -> Self:
         """Refuse what the plugin of the source finds wrong with its address for this type."""
         if self.source is not None and self.source.kind not in OWN_SOURCES:
-            check = load(added(sources)[self.source.kind].check)
+            check = load_plugin_object(plugin_additions(sources)[self.source.kind].check)
             if fault := check(self.source.address, self.type):
                 raise KeyFaultError(("source", "address"), fault)
         return self
@@ -279,7 +282,7 @@ class SourcedPart(CarriedPart):
         if self.source is None or self.source.kind != "mavlink":
             return self
         kind = self.type
-        there, wanted = messages_of(kind), self.source.message
+        there, wanted = messages_of_sensor(kind), self.source.message
         if kind != "pose" and not there:
             fault = (
                 f"MAVLink has no message with readings of type {kind}: use tcp:// or an MCAP file"
@@ -303,7 +306,7 @@ class SourcedPart(CarriedPart):
 
         Raises KeyFaultError for a message that this autopilot never sends, or without a known unit.
         """
-        there = messages_of(self.type)
+        there = messages_of_sensor(self.type)
         if self.source is None or self.source.kind != "mavlink" or not there:
             return None
         given = self.source.message
@@ -358,7 +361,7 @@ class MocapPart(Part):
     def _require_known_scheme(self) -> "MocapPart":
         """Refuse a motion capture source's address of an unknown scheme, or of an absent plugin."""
         kind, _, _ = self._parse_address()
-        if why := absent(motion_captures).get(kind):
+        if why := absent_additions(motion_captures).get(kind):
             raise KeyFaultError("address", why)
         if self.topic and kind != "zmq":
             raise KeyFaultError("topic", "applies to tcp:// only")

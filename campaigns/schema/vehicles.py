@@ -12,9 +12,14 @@ from pydantic_core import PydanticKnownError
 from wil_campaign.campaigns.schema.sensors import SensorPart
 from wil_campaign.campaigns.schema.sources import MocapPart
 from wil_campaign.campaigns.values.external_setups import PoseAccuracy, PoseSource
-from wil_campaign.foundation.files.documents import KeyFaultError, Later, Part
+from wil_campaign.foundation.files.documents import KeyFaultError, LaterType, Part
 from wil_campaign.hooks import autopilots, drivers, launches, link_layers
-from wil_campaign.installed_plugins import Named, absent, added, loaded
+from wil_campaign.installed_plugins import (
+    NamedAddition,
+    absent_additions,
+    loaded_additions,
+    plugin_additions,
+)
 from wil_campaign.vehicles.command_backends import OWN_FRAMES
 from wil_campaign.vehicles.coupling import Coupling
 from wil_campaign.vehicles.embedded.physics.config import Physics
@@ -27,20 +32,20 @@ from wil_campaign.worlds.scene.parts import BoxShape
 VehicleName = Literal["real", "twin"]
 VEHICLES: tuple[VehicleName, ...] = get_args(VehicleName)
 
-Hook = Callable[[], Sequence[Named]]
+Hook = Callable[[], Sequence[NamedAddition]]
 ParameterName = Annotated[str, Field(pattern=r"^[A-Z0-9_]{1,16}$")]
 """MAVLink's param_id has 16 characters."""
 
 
 def _known(hook: Hook, own: Sequence[str]) -> list[str]:
-    return [*own, *added(hook)]
+    return [*own, *plugin_additions(hook)]
 
 
 def _one_of(hook: Hook, *own: str) -> Callable[[str], str]:
     """Return what refuses a name that no plugin adds by a hook. own: names of the core."""
 
     def check(name: str) -> str:
-        if why := absent(hook).get(name):
+        if why := absent_additions(hook).get(name):
             raise ValueError(why)
         if name not in (known := _known(hook, own)):
             raise PydanticKnownError("literal_error", {"expected": " or ".join(map(repr, known))})
@@ -118,7 +123,7 @@ class BodyPart(Part):
         return BoxShape((self.width_m / 2.0, self.width_m / 2.0, self.height_m / 2.0))
 
 
-def vehicle_link(text: str) -> str:
+def require_vehicle_link(text: str) -> str:
     """Refuse a text that is no link address of an external vehicle."""
     if text == "embedded":
         return text
@@ -133,15 +138,15 @@ def vehicle_link(text: str) -> str:
 
 def _spare(text: str) -> str:
     """Refuse a text that is no address of a vehicle's spare link."""
-    if why := absent(link_layers).get(SPARE_LINKS):
+    if why := absent_additions(link_layers).get(SPARE_LINKS):
         raise ValueError(why)
     if text == "embedded":
         raise ValueError("must be a link; the embedded vehicle has its own")
-    return vehicle_link(text)
+    return require_vehicle_link(text)
 
 
 def _any_launch() -> Any:
-    parts = [part for _, part in sorted(loaded(launches, "part").items())]
+    parts = [part for _, part in sorted(loaded_additions(launches, "part").items())]
     if len(parts) < 2:
         return parts[0] if parts else LaunchPart
     either: Any = reduce(or_, parts)
@@ -151,15 +156,15 @@ def _any_launch() -> Any:
 def _launchable(value: JsonValue) -> JsonValue:
     """Refuse a launch whose plugin is not installed."""
     name = value.get("launch") if isinstance(value, dict) else None
-    if isinstance(name, str) and name not in added(launches):
-        if why := absent(launches).get(name):
+    if isinstance(name, str) and name not in plugin_additions(launches):
+        if why := absent_additions(launches).get(name):
             raise ValueError(why)
-        if not added(launches):
+        if not plugin_additions(launches):
             raise ValueError("no plugin launches a simulation")
     return value
 
 
-AnyLaunch = Annotated[LaunchPart, Later(_any_launch), BeforeValidator(_launchable)]
+AnyLaunch = Annotated[LaunchPart, LaterType(_any_launch), BeforeValidator(_launchable)]
 """The launch of any autopilot's simulation; `launch` selects the model."""
 
 
@@ -215,7 +220,7 @@ class VehiclePart(Part):
     where the estimator loses what held its position at arming.
     """
 
-    link: Annotated[str, AfterValidator(vehicle_link)] | AnyLaunch
+    link: Annotated[str, AfterValidator(require_vehicle_link)] | AnyLaunch
     spare_links: list[Annotated[str, AfterValidator(_spare)]] = Field(default_factory=list)
     autopilot: AutopilotName
     driver: DriverName = OWN_FRAMES

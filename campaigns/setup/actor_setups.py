@@ -9,18 +9,18 @@ from wil_campaign.campaigns.schema.actors import ActorPart, ElsewherePart
 from wil_campaign.campaigns.setup.vehicle_setups import (
     FlownSetup,
     key_source_of,
-    link_of,
-    profile_of,
-    rates_of,
+    telemetry_rates_of,
     unknown_parameters,
+    vehicle_link_of,
+    vehicle_profile_of,
 )
-from wil_campaign.foundation.files.documents import Document, Problem, closest
+from wil_campaign.foundation.files.documents import Document, Problem, closest_word
 from wil_campaign.foundation.files.documents import Path as KeyPath
 from wil_campaign.safety.fence.areas import FenceError
 from wil_campaign.safety.fence.geofence import Fence, require_few_corners
 from wil_campaign.worlds.frames import Pose
 from wil_campaign.worlds.geodesy import LocalFrame
-from wil_campaign.worlds.scene.motion import Motion
+from wil_campaign.worlds.scene.motion import ObjectMotion
 from wil_campaign.worlds.scene.scene import SceneObject
 from wil_campaign.worlds.world_file.world import World
 
@@ -41,7 +41,7 @@ class ActorSetup(FlownSetup):
     is virtual; None: nothing may.
     """
 
-    motion: Motion
+    motion: ObjectMotion
     max_offset_m: float
     max_delay_s: float
     max_silence_s: float
@@ -100,9 +100,9 @@ def actor_setups(
         ids[name] = own_id
         if part.link == "embedded":
             problems += unknown_parameters(file, at, part.autopilot, part.params)
-        profile = profile_of(file, at, part.profile, problems)
-        link = link_of(file, at, part.link, part.params, problems)
-        rates = rates_of(file, at, part, problems)
+        profile = vehicle_profile_of(file, at, part.profile, problems)
+        link = vehicle_link_of(file, at, part.link, part.params, problems)
+        rates = telemetry_rates_of(file, at, part, problems)
         thing = objects.get(name)
         wrong = list(_object_problems(file, at, name, thing, tuple(objects)))
         problems += wrong
@@ -168,7 +168,7 @@ def _object_problems(
         yield file.problem(at, message, key=True)
     elif thing is None:
         message = f"the world has no object '{name}'"
-        yield file.problem(at, message, closest(name, known), key=True)
+        yield file.problem(at, message, closest_word(name, known), key=True)
     elif thing.motion is None:
         message = f"'{name}' has no motion in the world file, which its vehicle needs; add one"
         yield file.problem(at, message, key=True)
@@ -186,7 +186,7 @@ def _object_problems(
         yield file.problem(at, message, key=True)
 
 
-def _takes_off(motion: Motion) -> bool:
+def _takes_off(motion: ObjectMotion) -> bool:
     """Return whether an actor's motion begins with a climb straight up."""
     if not motion.waypoints:
         return False

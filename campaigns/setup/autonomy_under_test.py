@@ -11,9 +11,9 @@ from typing import cast
 
 from wil_campaign.campaigns.values.autonomy_limits import AutonomyLimits
 from wil_campaign.campaigns.values.references import BadReferenceError, is_reference, load_reference
-from wil_campaign.foundation.files.documents import Document, Problem, closest
+from wil_campaign.foundation.files.documents import Document, Problem, closest_word
 from wil_campaign.hooks import autonomy_kinds
-from wil_campaign.installed_plugins import added
+from wil_campaign.installed_plugins import plugin_additions
 from wil_campaign.vehicles.autonomy import Autonomy, AutonomyFactory
 
 _METHODS = ("perceive", "act")
@@ -78,7 +78,10 @@ class UnderTest:
     @property
     def has_runner(self) -> bool:
         """Return whether a plugin's runner flies it; the run calls any other autonomy."""
-        return self.foreign is not None and added(autonomy_kinds)[self.foreign.kind].runner != ""
+        return (
+            self.foreign is not None
+            and plugin_additions(autonomy_kinds)[self.foreign.kind].runner != ""
+        )
 
     @property
     def code_folder(self) -> Path | None:
@@ -109,7 +112,7 @@ def find_autonomy(use: str, folder: Path) -> AutonomyFactory:
     if use not in shipped:
         known = ", ".join(shipped)
         message = f"there is no autonomy '{use}' (there are {known}; or give file.py:Class)"
-        raise BadReferenceError(message, closest(use, shipped))
+        raise BadReferenceError(message, closest_word(use, shipped))
     return shipped[use]
 
 

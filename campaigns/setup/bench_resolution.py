@@ -10,19 +10,24 @@ from functools import partial
 from pathlib import Path
 
 from wil_campaign.campaigns.schema.bench import BenchRequestPart, PropertyValue
-from wil_campaign.campaigns.setup.bench_file import Bench, BenchFacts, in_file
+from wil_campaign.campaigns.setup.bench_file import Bench, BenchFacts, property_text_in_file
 from wil_campaign.foundation.files.documents import (
     BadInput,
     Document,
-    Entry,
     Problem,
-    check,
-    closest,
+    YamlEntry,
+    check_document,
+    closest_word,
 )
 from wil_campaign.foundation.files.documents import Path as KeyPath
-from wil_campaign.foundation.files.paths import expanded
-from wil_campaign.foundation.files.problems import printable
-from wil_campaign.foundation.files.yaml_nodes import Data, Node, mapping_node, plain
+from wil_campaign.foundation.files.paths import expanded_path
+from wil_campaign.foundation.files.problems import printable_problem
+from wil_campaign.foundation.files.yaml_nodes import (
+    Data,
+    YamlNode,
+    mapping_node,
+    plain_value_of_node,
+)
 
 BENCH: KeyPath = ("bench",)
 _TAKEN: tuple[KeyPath, ...] = (("vehicles", "real"), ("geofence",))
@@ -45,7 +50,7 @@ def bench_request(file: Document) -> BenchRequestPart | None:
     """Return a campaign's request for a bench; None without one. Raises BadInput."""
     if file.get(BENCH) is None:
         return None
-    return check(file, BenchRequestPart, at=BENCH)
+    return check_document(file, BenchRequestPart, at=BENCH)
 
 
 def choose_bench(file: Document, benches: Sequence[Bench]) -> Bench | None:
@@ -69,7 +74,7 @@ def choose_bench(file: Document, benches: Sequence[Bench]) -> Bench | None:
     facts = [bench.facts for bench in benches]
     fitting = fitting_benches(request, facts)
     if not fitting:
-        raise BadInput([no_bench(file, request, facts)])
+        raise BadInput([no_bench_text(file, request, facts)])
     name = min(bench_facts.name for bench_facts in fitting)
     return next(bench for bench in benches if bench.name == name)
 
@@ -84,7 +89,7 @@ def fitting_benches(request: BenchRequestPart, benches: Sequence[BenchFacts]) ->
     ]
 
 
-def with_bench(file: Document, bench: Bench) -> Document:
+def campaign_with_bench(file: Document, bench: Bench) -> Document:
     """Return a campaign with its bench's vehicle and fence. Raises BadInput.
 
     Each value keeps its place in its own file. A key that both files have is a problem.
@@ -93,22 +98,24 @@ def with_bench(file: Document, bench: Bench) -> Document:
     root = file.root
     for path in _TAKEN:
         entry = bench.document.entry(path)
-        taken = Entry(entry.key, _absolute(entry.node, path, bench.document.path.parent))
+        taken = YamlEntry(entry.key, _absolute(entry.node, path, bench.document.path.parent))
         root = merger.add(root, (), path, taken)
     if merger.problems:
         raise BadInput(merger.problems)
     return Document(file.path, root)
 
 
-def completion_of(bench: Bench | None) -> Callable[[Document], Document]:
+def bench_completion(bench: Bench | None) -> Callable[[Document], Document]:
     """Return a function that completes a campaign's document with what its bench defines."""
-    return (lambda document: document) if bench is None else partial(with_bench, bench=bench)
+    return (
+        (lambda document: document) if bench is None else partial(campaign_with_bench, bench=bench)
+    )
 
 
-def departure(file: Document, bench: Bench) -> str:
+def bench_departure(file: Document, bench: Bench) -> str:
     """Return how a campaign's vehicles and fence differ from those of its bench; "" if they agree.
 
-    campaign: one that has been completed by `with_bench`, perhaps on another machine.
+    campaign: one that has been completed by `campaign_with_bench`, perhaps on another machine.
     """
     there = file.data
     vehicles = there.get("vehicles") if isinstance(there, dict) else None
@@ -123,7 +130,7 @@ def departure(file: Document, bench: Bench) -> str:
             return f"actors.{name}.link is {link}: a bench has one vehicle, the real one"
     for path in _TAKEN:
         entry = bench.document.entry(path)
-        wanted = plain(_absolute(entry.node, path, bench.document.path.parent))
+        wanted = plain_value_of_node(_absolute(entry.node, path, bench.document.path.parent))
         found = _differing(file.get(path), wanted, path)
         if found:
             return f"{'.'.join(map(str, found))} differs from that of bench {bench.name}"
@@ -147,7 +154,9 @@ def _has(bench: BenchFacts, key: str, value: PropertyValue) -> bool:
     return there == value and isinstance(there, bool) == isinstance(value, bool)
 
 
-def no_bench(file: Document, request: BenchRequestPart, benches: Sequence[BenchFacts]) -> Problem:
+def no_bench_text(
+    file: Document, request: BenchRequestPart, benches: Sequence[BenchFacts]
+) -> Problem:
     """Return why no bench fits, at the key that no bench has."""
     named = [bench for bench in benches if request.name in {None, bench.name}]
     ordered = sorted(benches, key=lambda bench: bench.name)
@@ -155,15 +164,17 @@ def no_bench(file: Document, request: BenchRequestPart, benches: Sequence[BenchF
     if not named:
         at = BENCH if isinstance(file.get(BENCH), str) else (*BENCH, "name")
         message = f"there is no bench '{request.name}'; there is {there}"
-        return file.problem(at, message, closest(str(request.name), [b.name for b in benches]))
+        return file.problem(at, message, closest_word(str(request.name), [b.name for b in benches]))
     for key, value in request.properties.items():
         at = (*BENCH, "properties", key)
         if not any(key in bench.properties for bench in named):
             known = sorted({name for bench in named for name in bench.properties})
             message = f"no bench has the property '{key}'; there is {there}"
-            return file.problem(at, message, closest(key, known), key=True)
+            return file.problem(at, message, closest_word(key, known), key=True)
         if not any(_has(bench, key, value) for bench in named):
-            return file.problem(at, f"no bench has {key}: {in_file(value)}; there is {there}")
+            return file.problem(
+                at, f"no bench has {key}: {property_text_in_file(value)}; there is {there}"
+            )
     message = f"no bench has all of these properties; there is {there}"
     return file.problem((*BENCH, "properties"), message, key=True)
 
@@ -175,7 +186,7 @@ class _Merger:
     bench: Bench
     problems: list[Problem] = field(default_factory=list)
 
-    def add(self, node: Node, above: KeyPath, way: KeyPath, taken: Entry) -> Node:
+    def add(self, node: YamlNode, above: KeyPath, way: KeyPath, taken: YamlEntry) -> YamlNode:
         """Return a node with an entry at the end of a way of keys. above: the node's own path."""
         entries = dict(node.value) if isinstance(node.value, dict) else {}
         key = str(way[0])
@@ -184,42 +195,42 @@ class _Merger:
         if way[1:]:
             inner = mapping_node({}, taken.key) if present is None else present.node
             place = taken.key if present is None else present.key
-            entries[key] = Entry(place, self.add(inner, path, way[1:], taken))
+            entries[key] = YamlEntry(place, self.add(inner, path, way[1:], taken))
         elif present is None:
             entries[key] = taken
         else:
-            entries[key] = Entry(present.key, self._merge(path, present, taken))
+            entries[key] = YamlEntry(present.key, self._merge(path, present, taken))
         return mapping_node(entries, node.place)
 
-    def _merge(self, path: KeyPath, present: Entry, taken: Entry) -> Node:
+    def _merge(self, path: KeyPath, present: YamlEntry, taken: YamlEntry) -> YamlNode:
         """Return the value of a key that both files have."""
         if path in _MERGED and isinstance(taken.node.value, dict) and _is_open(present.node):
             merged = present.node
             for name, entry in taken.node.value.items():
                 merged = self.add(merged, path, (name,), entry)
             return merged
-        where = printable(f"{taken.key.source.name}:{taken.key.line}:{taken.key.column}")
+        where = printable_problem(f"{taken.key.source.name}:{taken.key.line}:{taken.key.column}")
         message = f"{'.'.join(map(str, path))} is defined by bench {self.bench.name} ({where})"
         self.problems.append(present.key.problem(f"{message}; remove it here"))
         return present.node
 
 
-def _is_open(node: Node) -> bool:
+def _is_open(node: YamlNode) -> bool:
     """Return whether keys can be added to a value: a mapping, or nothing."""
     return node.value is None or isinstance(node.value, dict)
 
 
-def _absolute(node: Node, path: KeyPath, folder: Path) -> Node:
+def _absolute(node: YamlNode, path: KeyPath, folder: Path) -> YamlNode:
     """Return a bench's value with the files that it names, beside the bench file, absolute."""
     if isinstance(node.value, dict):
         inner = {
-            key: Entry(entry.key, _absolute(entry.node, (*path, key), folder))
+            key: YamlEntry(entry.key, _absolute(entry.node, (*path, key), folder))
             for key, entry in node.value.items()
         }
         return mapping_node(inner, node.place)
     if not (isinstance(node.value, str) and _names_file(path, node.value)):
         return node
-    return Node(str((folder / expanded(Path(node.value))).absolute()), node.place)
+    return YamlNode(str((folder / expanded_path(Path(node.value))).absolute()), node.place)
 
 
 def _names_file(path: KeyPath, text: str) -> bool:

@@ -11,12 +11,12 @@ from wil_campaign.foundation.files.documents import (
     Data,
     Document,
     Problem,
-    closest,
-    load,
-    parse_value,
+    closest_word,
+    load_document,
+    parse_option_value,
 )
 from wil_campaign.foundation.files.documents import Path as DocumentPath
-from wil_campaign.foundation.files.paths import exists, is_folder
+from wil_campaign.foundation.files.paths import is_folder, path_exists
 from wil_campaign.recipes.language.recipe_files import load_recipe_document
 from wil_campaign.safety.fence.fence_files import load_fence_file
 
@@ -47,7 +47,7 @@ class CaseFiles:
             return self
         if not _draws_speeds(self.world.get(("objects",))):
             return self
-        entry = parse_value(str(seed), name="the run's seed")
+        entry = parse_option_value(str(seed), name="the run's seed")
         return replace(self, world=self.world.override("seed", entry))
 
     @property
@@ -118,7 +118,7 @@ def _named_file(
     if not isinstance(text, str):
         return None
     path = file.path.parent / text
-    if not exists(path):
+    if not path_exists(path):
         message = f"there is no file '{text}' beside the campaign"
         problems.append(file.problem(key, message, _sibling(text, path)))
         return None
@@ -126,7 +126,7 @@ def _named_file(
     try:
         if key == ("recipe",):
             return load_recipe_document(path, name)
-        return load_fence_file(path, name) if is_fence else load(path, name=name)
+        return load_fence_file(path, name) if is_fence else load_document(path, name=name)
     except BadInput as error:
         problems += error.problems
         return None
@@ -140,5 +140,5 @@ def _sibling(text: str, path: Path) -> str:
         others = [other.name for other in path.parent.iterdir() if other.suffix in _SUFFIXES]
     except OSError:  # it may be entered, and not listed
         return ""
-    found = closest(path.name, others)
+    found = closest_word(path.name, others)
     return str(Path(text).parent / found) if found else ""

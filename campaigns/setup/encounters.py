@@ -12,11 +12,11 @@ from wil_campaign.campaigns.setup.actor_setups import ActorSetup
 from wil_campaign.campaigns.setup.case_setup import Case
 from wil_campaign.campaigns.setup.vehicle_setups import FlownSetup, VehicleSetup
 from wil_campaign.safety.fence.geofence import Fence
-from wil_campaign.safety.fence.separation import moved, separation_m
+from wil_campaign.safety.fence.separation import fence_separation_m, moved_fence
 
 
 @dataclass(frozen=True, slots=True)
-class Encounter:
+class ActorEncounter:
     """An attached actor beside another attached vehicle in the same run.
 
     apart_m: between where their fences let them be, seen from above; needed_m: so that their bodies
@@ -56,7 +56,7 @@ class Encounter:
         return math.dist(ours.position_ned_m[:2], theirs.position_ned_m[:2])
 
 
-def encounters(case: Case, mode: Mode) -> Iterator[Encounter]:
+def actor_encounters(case: Case, mode: Mode) -> Iterator[ActorEncounter]:
     """Yield each attached actor of a mode with each attached vehicle before it, except the twin.
 
     A twin is simulated even where it is attached.
@@ -68,17 +68,17 @@ def encounters(case: Case, mode: Mode) -> Iterator[Encounter]:
                 yield _encounter(case, actor, other)
 
 
-def _encounter(case: Case, actor: ActorSetup, other: FlownSetup) -> Encounter:
+def _encounter(case: Case, actor: ActorSetup, other: FlownSetup) -> ActorEncounter:
     ours, theirs = _fence(case, actor), _fence(case, other)
-    apart_m = 0.0 if ours is None or theirs is None else separation_m(ours, theirs)
-    return Encounter(actor, other, theirs, apart_m, actor.reach_m + _reach_m(other))
+    apart_m = 0.0 if ours is None or theirs is None else fence_separation_m(ours, theirs)
+    return ActorEncounter(actor, other, theirs, apart_m, actor.reach_m + _reach_m(other))
 
 
 def _fence(case: Case, vehicle: FlownSetup) -> Fence | None:
     fence = case.fences.get(vehicle.name)
     if fence is None or not isinstance(vehicle, ActorSetup) or vehicle.place is None:
         return fence
-    return moved(fence, start=vehicle.start, to=vehicle.place)
+    return moved_fence(fence, start=vehicle.start, to=vehicle.place)
 
 
 def _reach_m(vehicle: FlownSetup) -> float:

@@ -8,9 +8,15 @@ from wil_campaign.campaigns.schema import CameraPart, VehicleName, VehiclePart
 from wil_campaign.campaigns.schema.calibration import CalibrationPart, read_calibration
 from wil_campaign.campaigns.schema.sources import SourcedPart
 from wil_campaign.campaigns.values.sensor_setups import CameraSetup, SensorSetup, SourcedSetup
-from wil_campaign.foundation.files.documents import BadInput, Document, KeyFaultError, Problem, load
+from wil_campaign.foundation.files.documents import (
+    BadInput,
+    Document,
+    KeyFaultError,
+    Problem,
+    load_document,
+)
 from wil_campaign.foundation.files.documents import Path as KeyPath
-from wil_campaign.foundation.files.paths import exists
+from wil_campaign.foundation.files.paths import path_exists
 from wil_campaign.worlds.camera import CameraMount
 
 
@@ -83,13 +89,13 @@ def _calibration(
         return None
     at = (*path, "calibration")
     file = _folder(campaign) / part.calibration
-    if not exists(file):
+    if not path_exists(file):
         message = f"there is no file '{part.calibration}' beside the campaign"
         problems.append(campaign.problem(at, message))
         return None
     name = os.path.normpath(Path(campaign.name).parent / part.calibration)
     try:
-        found = read_calibration(load(file, name=name))
+        found = read_calibration(load_document(file, name=name))
     except BadInput as error:
         problems += error.problems
         return None

@@ -11,7 +11,7 @@ from wil_campaign.campaigns.schema.faults import (
 from wil_campaign.campaigns.schema.vehicles import VehicleName
 from wil_campaign.campaigns.setup.vehicle_setups import VehicleSetup
 from wil_campaign.campaigns.values.signal_faults import SignalFault
-from wil_campaign.foundation.files.documents import Document, Path, Problem, closest
+from wil_campaign.foundation.files.documents import Document, Path, Problem, closest_word
 from wil_campaign.vehicles.faults import FaultKind
 
 
@@ -48,7 +48,7 @@ def _unknown_signals(
         if sensor not in known:
             message = f"vehicle '{name}' has no sensor '{sensor}'"
             at = (*path, "sensors", sensor)
-            yield file.problem(at, message, closest(sensor, known), key=True)
+            yield file.problem(at, message, closest_word(sensor, known), key=True)
 
 
 def _fault_of(vehicle: VehicleName, sensor: str | None, part: SignalFaultPart) -> SignalFault:

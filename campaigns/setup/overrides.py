@@ -7,10 +7,10 @@ from wil_campaign.campaigns.schema import matrix_keys
 from wil_campaign.foundation.files.documents import (
     BadInput,
     Document,
-    Entry,
     Path,
     Problem,
-    parse_value,
+    YamlEntry,
+    parse_option_value,
 )
 
 OVERRIDDEN_FILES = ("world", "recipe")
@@ -22,7 +22,7 @@ class Override:
     """An override of a value in a case's files: its dotted key, and the new entry."""
 
     dotted_key: str
-    entry: Entry
+    entry: YamlEntry
 
     @property
     def file(self) -> str:
@@ -43,7 +43,7 @@ def override_from_option(option: str, text: str) -> Override:
     key, equals, value = text.partition("=")
     if not equals or not all(key.strip().split(".")):
         raise BadInput([Problem(name, 0, 0, "must be KEY=VALUE, like goal.altitude_m=1.5")])
-    return Override(key.strip(), parse_value(value, name=name))
+    return Override(key.strip(), parse_option_value(value, name=name))
 
 
 def overrides_of_case(file: Document, case: str) -> tuple[Override, ...]:

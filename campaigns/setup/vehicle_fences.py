@@ -4,7 +4,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from wil_campaign.campaigns.schema import VEHICLES, GeofencePart, VehicleName
-from wil_campaign.foundation.files.documents import BadInput, Document, Path, Problem, check
+from wil_campaign.foundation.files.documents import (
+    BadInput,
+    Document,
+    Path,
+    Problem,
+    check_document,
+)
 from wil_campaign.safety.fence.areas import FenceError
 from wil_campaign.safety.fence.fence_files import is_fence_file, read_fence_file
 from wil_campaign.safety.fence.fence_schema import FencePart
@@ -14,7 +20,7 @@ from wil_campaign.worlds.geodesy import LocalFrame
 
 
 @dataclass(frozen=True, slots=True)
-class Drawing:
+class FenceDrawing:
     """The sources of vehicle fences: the document, the fence files it names, the world's frame.
 
     frame: None where the world is missing: areas on Earth are then left out.
@@ -25,7 +31,7 @@ class Drawing:
     frame: LocalFrame | None
 
 
-def fences_of(part: GeofencePart, drawing: Drawing, path: Path) -> dict[str, Fence]:
+def fences_of_vehicles(part: GeofencePart, drawing: FenceDrawing, path: Path) -> dict[str, Fence]:
     """Return the fence of each vehicle that has one: its own, else that for both.
 
     path: of the part in the document. Raises BadInput with every problem.
@@ -54,7 +60,7 @@ def changed_fences(
     """
     if is_fence_file(document):
         return _redrawn(document, frame, present)
-    part = check(document, GeofencePart)
+    part = check_document(document, GeofencePart)
     problems = [
         document.problem((key,), f"'{key}' cannot be changed in flight", key=True)
         for key in ("keep_m", "latency_s", "braking_m_s2")
@@ -66,7 +72,7 @@ def changed_fences(
             problems += [document.problem(path, "send the file itself, or its areas")]
     if problems:
         raise BadInput(problems)
-    return fences_of(part, Drawing(document, {}, frame), ())
+    return fences_of_vehicles(part, FenceDrawing(document, {}, frame), ())
 
 
 def _redrawn(
@@ -96,7 +102,9 @@ def _redrawn(
     return fences
 
 
-def _fence(part: FencePart, drawing: Drawing, path: Path, problems: list[Problem]) -> Fence | None:
+def _fence(
+    part: FencePart, drawing: FenceDrawing, path: Path, problems: list[Problem]
+) -> Fence | None:
     drawn: DrawnFence | None = None
     try:
         if part.file is not None:

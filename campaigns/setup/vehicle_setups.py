@@ -33,11 +33,11 @@ from wil_campaign.foundation.files.documents import (
     Document,
     KeyFaultError,
     Problem,
-    closest,
     closest_file,
+    closest_word,
 )
 from wil_campaign.foundation.files.documents import Path as KeyPath
-from wil_campaign.foundation.files.paths import exists
+from wil_campaign.foundation.files.paths import path_exists
 from wil_campaign.vehicles.autopilots.autopilot import MessageRate, TelemetryRates
 from wil_campaign.vehicles.autopilots.registry import autopilot_named
 from wil_campaign.vehicles.command_backends import OWN_FRAMES
@@ -48,17 +48,22 @@ from wil_campaign.vehicles.embedded.autopilot.known_parameters import (
 )
 from wil_campaign.vehicles.embedded.physics.airframe import Airframe
 from wil_campaign.vehicles.embedded.physics.config import Physics
-from wil_campaign.vehicles.embedded.physics.contact_world import body_of
+from wil_campaign.vehicles.embedded.physics.contact_world import contact_box_of
 from wil_campaign.vehicles.embedded.profile import ProfileError, load_profile
-from wil_campaign.vehicles.launch import Launch, LaunchError, LaunchPart, beside
+from wil_campaign.vehicles.launch import (
+    LaunchError,
+    LaunchPart,
+    SimulatorLaunch,
+    path_beside_campaign,
+)
 from wil_campaign.vehicles.links.link_conditions import KeySource
 from wil_campaign.vehicles.links.link_strings import LinkAddress, parse_link
 from wil_campaign.vehicles.mavlink.names import message_number
-from wil_campaign.vehicles.telemetry_fit import RadioTooSlowError, fitted
+from wil_campaign.vehicles.telemetry_fit import RadioTooSlowError, fitted_telemetry_rates
 from wil_campaign.worlds.frames import Pose
 from wil_campaign.worlds.scene.parts import BoxShape
 
-VehicleLink = Literal["embedded"] | LinkAddress | Launch
+VehicleLink = Literal["embedded"] | LinkAddress | SimulatorLaunch
 
 _SERIAL_SHARE = 0.8
 """Of ten bits on a serial line, eight are data."""
@@ -68,7 +73,7 @@ _USUAL_ACCURACY: Mapping[PoseSource, PoseAccuracy] = {
     "mocap": CAPTURED,
     "mavlink": ESTIMATED,
 }
-EMBEDDED_BODY: BoxShape = body_of(Airframe())
+EMBEDDED_BODY: BoxShape = contact_box_of(Airframe())
 """The body by which a vehicle is judged, where the campaign gives none: the embedded one's."""
 
 
@@ -125,9 +130,9 @@ class FlownSetup:
         return () if self.attached is None else (self.attached, *self.spares)
 
     @property
-    def launch(self) -> Launch | None:
+    def launch(self) -> SimulatorLaunch | None:
         """Return the launch of the vehicle's simulation; None for one that is not launched."""
-        return self.link if isinstance(self.link, Launch) else None
+        return self.link if isinstance(self.link, SimulatorLaunch) else None
 
     @property
     def launch_pace(self) -> float | None:
@@ -200,9 +205,9 @@ def _vehicle(
         problems += unknown_parameters(file, at, part.autopilot, part.params)
     return VehicleSetup(
         name=name,
-        link=link_of(file, at, part.link, part.params, problems),
+        link=vehicle_link_of(file, at, part.link, part.params, problems),
         autopilot=part.autopilot,
-        profile=profile_of(file, at, part.profile, problems),
+        profile=vehicle_profile_of(file, at, part.profile, problems),
         physics=part.physics,
         start=part.start.pose(),
         driver=part.driver,
@@ -216,7 +221,7 @@ def _vehicle(
         accuracy_given=part.pose_accuracy is not None,
         sensors=sensor_setups(file, name, part, problems),
         signing=key_source_of(file, part.signing),
-        rates=rates_of(file, at, part, problems),
+        rates=telemetry_rates_of(file, at, part, problems),
         max_gap_s=part.telemetry.max_gap_s,
         spares=tuple(parse_link(spare_link) for spare_link in part.spare_links),
         coupling=part.coupling,
@@ -240,7 +245,7 @@ def unknown_parameters(
         if parameter not in known:
             message = f"the embedded {autopilot} has no parameter '{parameter}'"
             path = (*at, "params", parameter)
-            yield file.problem(path, message, closest(parameter, known), key=True)
+            yield file.problem(path, message, closest_word(parameter, known), key=True)
 
 
 def unused_settings(
@@ -254,7 +259,7 @@ def unused_settings(
             yield file.problem((*at, "params", parameter), message, key=True)
 
 
-def link_of(
+def vehicle_link_of(
     file: Document,
     at: KeyPath,
     link: str | LaunchPart,
@@ -277,7 +282,7 @@ def link_of(
     return launch
 
 
-def rates_of(
+def telemetry_rates_of(
     file: Document, at: KeyPath, part: VehiclePart | ActorPart, problems: list[Problem]
 ) -> TelemetryRates:
     """Return the telemetry rates that a vehicle's radio can carry; at: its place."""
@@ -299,7 +304,7 @@ def rates_of(
         return wanted
     autopilot, signed = autopilot_named(part.autopilot), part.signing is not None
     try:
-        return fitted(autopilot, wanted, radio_bit_s=radio_bit_s, signed=signed)
+        return fitted_telemetry_rates(autopilot, wanted, radio_bit_s=radio_bit_s, signed=signed)
     except RadioTooSlowError as error:
         problems.append(file.problem(path, str(error)))
         return wanted
@@ -330,11 +335,13 @@ def key_source_of(file: Document, part: SigningPart | None) -> KeySource | None:
     if part is None:
         return None
     if part.file is not None:
-        return KeySource("file", str(beside(file.path.parent, part.file)))
+        return KeySource("file", str(path_beside_campaign(file.path.parent, part.file)))
     return KeySource("environment", part.environment or "")
 
 
-def profile_of(campaign: Document, at: KeyPath, profile: str, problems: list[Problem]) -> str:
+def vehicle_profile_of(
+    campaign: Document, at: KeyPath, profile: str, problems: list[Problem]
+) -> str:
     """Return the profile of a vehicle, a name or an absolute path; its problems are collected.
 
     at: the vehicle's place in the campaign.
@@ -343,7 +350,7 @@ def profile_of(campaign: Document, at: KeyPath, profile: str, problems: list[Pro
     shown_as = None
     if profile.endswith((".yaml", ".yml")):
         file = campaign.path.parent / profile
-        if not exists(file):
+        if not path_exists(file):
             message = f"there is no file '{profile}' beside the campaign"
             others = [one.name for one in file.parent.glob("*.y*ml")]
             found = closest_file(file.name, others)

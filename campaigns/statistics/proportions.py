@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 
 @dataclass(frozen=True, slots=True)
-class Interval:
+class RateInterval:
     """A confidence interval; confidence: 0.95 for 95 %."""
 
     low: float
@@ -13,7 +13,7 @@ class Interval:
     confidence: float
 
 
-def clopper_pearson(passed: int, flown: int, *, confidence: float = 0.95) -> Interval | None:
+def clopper_pearson(passed: int, flown: int, *, confidence: float = 0.95) -> RateInterval | None:
     """Return the exact two-sided interval of a pass rate; None without a flight.
 
     Clopper and Pearson, Biometrika 26 (1934): it covers the true rate at least with the confidence.
@@ -28,7 +28,7 @@ def clopper_pearson(passed: int, flown: int, *, confidence: float = 0.95) -> Int
     tail, failed = (1.0 - confidence) / 2.0, flown - passed
     low = _rate_of_tail(passed, flown, tail) if passed else 0.0
     high = 1.0 - _rate_of_tail(failed, flown, tail) if failed else 1.0
-    return Interval(low, high, confidence)
+    return RateInterval(low, high, confidence)
 
 
 def _rate_of_tail(passed: int, flown: int, tail: float) -> float:

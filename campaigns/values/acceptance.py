@@ -10,7 +10,7 @@ _OF = re.compile(r"\s*([0-9]{1,6})\s*/\s*([0-9]{1,6})\s*")
 
 
 @dataclass(frozen=True, slots=True)
-class Share:
+class PassShare:
     """A share for `accept`: `passes` of `runs`, written "4/5"."""
 
     passes: int
@@ -19,9 +19,9 @@ class Share:
     def __str__(self) -> str:
         return f"{self.passes}/{self.runs}"
 
-    def scaled(self, runs: int) -> "Share":
+    def scaled(self, runs: int) -> "PassShare":
         """Return the acceptance share for another number of runs, rounded up: 4/5 of 3 is 3/3."""
-        return Share(-(-self.passes * runs // self.runs), runs)
+        return PassShare(-(-self.passes * runs // self.runs), runs)
 
 
 DECIDED = "decided"
@@ -29,7 +29,7 @@ DECIDED = "decided"
 
 
 @dataclass(frozen=True, slots=True)
-class Requirement:
+class PassRequirement:
     """An acceptance requirement: the share of a case in a mode that must pass.
 
     test: instead, the sequential test that must decide for its pass rate; the share is then of the
@@ -38,7 +38,7 @@ class Requirement:
 
     case: str
     mode: str
-    share: Share
+    share: PassShare
     test: SequentialTest | None = None
 
     def __str__(self) -> str:
@@ -48,13 +48,13 @@ class Requirement:
 
 
 @dataclass(frozen=True, slots=True)
-class Standing:
+class RequirementStanding:
     """The standing of an acceptance requirement: its passes and its flown runs.
 
     decision: of its sequential test; empty without one.
     """
 
-    requirement: Requirement
+    requirement: PassRequirement
     passed: int
     flown: int
     decision: str = ""
@@ -81,20 +81,20 @@ class Standing:
         return f"{text}, {missing} not flown" if missing > 0 else text
 
 
-def parse_share(text: str) -> Share:
+def parse_pass_share(text: str) -> PassShare:
     """Return the acceptance share in a text. Raises ValueError with the reason."""
     match = _OF.fullmatch(text)
     if match is None:
         raise ValueError(f"must be passes/runs like 4/5, is '{text}'")
-    share = Share(int(match[1]), int(match[2]))
+    share = PassShare(int(match[1]), int(match[2]))
     if not 1 <= share.passes <= share.runs:
         raise ValueError(f"must ask for at least 1 pass and at most all, is '{text}'")
     return share
 
 
-def standings(
-    requirements: Iterable[Requirement], passed: Iterable[tuple[str, str, bool | None]]
-) -> tuple[Standing, ...]:
+def requirement_standings(
+    requirements: Iterable[PassRequirement], passed: Iterable[tuple[str, str, bool | None]]
+) -> tuple[RequirementStanding, ...]:
     """Return the standing of each requirement.
 
     passed: (case, mode, whether it passed) per run in their order; None for INVALID and ERROR,
@@ -104,13 +104,13 @@ def standings(
     for case, mode, good in passed:
         counts.setdefault((case, mode), []).append(good)
     return tuple(
-        Standing(wanted, sum(map(bool, flown)), len(flown), _decision(wanted, flown))
+        RequirementStanding(wanted, sum(map(bool, flown)), len(flown), _decision(wanted, flown))
         for wanted in requirements
         for flown in [counts.get((wanted.case, wanted.mode), [])]
     )
 
 
-def _decision(wanted: Requirement, flown: Iterable[bool | None]) -> str:
+def _decision(wanted: PassRequirement, flown: Iterable[bool | None]) -> str:
     """Return the decision of a requirement's sequential test; empty without one."""
     if wanted.test is None:
         return ""

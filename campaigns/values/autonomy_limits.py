@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from wil_campaign.worlds.figures import distinct_text
+from wil_campaign.worlds.figures import distinct_value_text
 
 LONGEST_CALL_S = 30.0
 LONGEST_BUILD_S = 300.0
@@ -25,7 +25,7 @@ class AutonomyLimits:
         """Return the message that memory exceeds the limit, with the remedy; "" within it."""
         if used_mb <= self.memory_mb:
             return ""
-        used = distinct_text(used_mb, self.memory_mb, digits=0)
+        used = distinct_value_text(used_mb, self.memory_mb, digits=0)
         return (
             f"uses too much memory: {measure} {used} MB, and autonomy.limits.memory_mb is "
             f"{self.memory_mb:g}; find what it keeps from call to call, or raise the limit"

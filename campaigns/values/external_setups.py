@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from wil_campaign.hooks import sources
-from wil_campaign.installed_plugins import added
+from wil_campaign.installed_plugins import plugin_additions
 
 SourceKind = Literal["rtsp", "rtp", "v4l2", "simulator", "mcap", "images", "video"]
 ShownAs = Literal["live", "rendered", "file"]
@@ -88,7 +88,7 @@ class ReadingSourceSetup:
         """Return the external source's name in results."""
         if self.kind == "mavlink":
             return "live"
-        return "file" if added(sources)[self.kind].is_file else "live"
+        return "file" if plugin_additions(sources)[self.kind].is_file else "live"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

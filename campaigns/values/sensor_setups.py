@@ -39,7 +39,7 @@ class DepthSetup:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class OtherSetup:
+class OtherSensorSetup:
     """The setup of a sensor other than a camera. kind: its type; options: its keys."""
 
     kind: str
@@ -58,13 +58,13 @@ class OtherSetup:
         return self.options.mounted
 
 
-SensorSetup = CameraSetup | DepthSetup | OtherSetup
-SourcedSetup = DepthSetup | OtherSetup
+SensorSetup = CameraSetup | DepthSetup | OtherSensorSetup
+SourcedSetup = DepthSetup | OtherSensorSetup
 """A sensor whose readings may be external, by a ReadingSourceSetup."""
 Options = TypeVar("Options", bound=SensorOptions)
 
 
-def options_of(sensor: SensorSetup, wanted: type[Options]) -> Options | None:
+def sensor_options_of(sensor: SensorSetup, wanted: type[Options]) -> Options | None:
     """Return a sensor's keys where its type has these; else None."""
-    options = sensor.options if isinstance(sensor, OtherSetup) else None
+    options = sensor.options if isinstance(sensor, OtherSensorSetup) else None
     return options if isinstance(options, wanted) else None

@@ -16,7 +16,7 @@ def names_versions(values: Mapping[str, str]) -> bool:
     return bool(values) and not any("/" in value or value == DECIDED for value in values.values())
 
 
-def check_version(text: str) -> None:
+def check_firmware_version(text: str) -> None:
     """Raise ValueError, with the reason, for a text that is no version and no git hash."""
     if _VERSION.fullmatch(text) is None and _HASH.fullmatch(text) is None:
         raise ValueError(
@@ -24,7 +24,7 @@ def check_version(text: str) -> None:
         )
 
 
-def fits(wanted: str, version: str, git_hash: str) -> bool:
+def fits_firmware(wanted: str, version: str, git_hash: str) -> bool:
     """Return whether a vehicle runs the required firmware.
 
     wanted: "4.6" is any 4.6.x of whatever kind of release, "4.6.1" that release and not its

@@ -15,7 +15,7 @@ from wil_campaign.orchestrator.run_results.run_result import RunResult
 from wil_campaign.orchestrator.state.return_path import (
     CLEAR_M,
     ReturnPath,
-    off_start,
+    offset_from_start_text,
     read_standing_pose,
     why_no_return,
     why_path_blocked,
@@ -88,7 +88,7 @@ class BetweenRuns:
         elif outcome.verdict != "PASS":
             why = f"{outcome.verdict}, {outcome.reason}"
         else:
-            off = off_start(read_standing_pose(order.folder, "real"), back.start)
+            off = offset_from_start_text(read_standing_pose(order.folder, "real"), back.start)
             if off is None:
                 why = "its position is unknown"
             elif off[0] > wanted.tolerance_m or off[1] > wanted.tolerance_deg:
@@ -108,7 +108,7 @@ class BetweenRuns:
         log = _log_lines(order.folder / "log.jsonl")
         if why := why_no_return(result, stand, log, solid=set(scene.names)):
             return why
-        off = off_start(stand, start)
+        off = offset_from_start_text(stand, start)
         if stand is None or off is None:
             return "its position is unknown"
         if off[0] <= wanted.tolerance_m and off[1] <= wanted.tolerance_deg:

@@ -12,26 +12,26 @@ from typing import Any, Protocol
 from wil_campaign.campaigns.expansion.expansion import Campaign, RunPlan
 from wil_campaign.campaigns.setup.case_setup import FLIES
 from wil_campaign.foundation.files.document_writer import to_json
-from wil_campaign.foundation.files.limited_json import read_json
-from wil_campaign.foundation.files.problems import printable
-from wil_campaign.foundation.tasks import TaskAccount, raising_first_of
+from wil_campaign.foundation.files.limited_json import read_limited_json
+from wil_campaign.foundation.files.problems import printable_problem
+from wil_campaign.foundation.tasks import TaskAccount, raising_first_task_error
 from wil_campaign.orchestrator.campaign.between_runs import BetweenRuns
-from wil_campaign.orchestrator.campaign.flight_options import Cleared, FlightOptions
+from wil_campaign.orchestrator.campaign.flight_options import ClearedCampaign, FlightOptions
 from wil_campaign.orchestrator.campaign.folder.campaign_folder import (
+    FolderTakenError,
     OutputError,
-    TakenError,
-    held,
-    make_folder,
-    set_aside,
-    write_document,
+    locked_campaign_folder,
+    make_campaign_folder,
+    set_run_folder_aside,
+    write_campaign_document,
 )
 from wil_campaign.orchestrator.campaign.folder.flown_files import FlownFiles
 from wil_campaign.orchestrator.campaign.folder.manifest import (
-    manifest,
+    campaign_manifest,
+    files_read_by_campaign,
     maybe_written_files,
-    read_files,
 )
-from wil_campaign.orchestrator.campaign.folder.repetitions import planned, runs_due
+from wil_campaign.orchestrator.campaign.folder.repetitions import runs_due, runs_planned
 from wil_campaign.orchestrator.campaign.liftoff_learning import LiftoffLearning
 from wil_campaign.orchestrator.campaign.repositioning import Repositioning
 from wil_campaign.orchestrator.campaign.resuming.runs_to_fly import (
@@ -47,22 +47,22 @@ from wil_campaign.orchestrator.campaign.resuming.unchanged_campaign import (
 )
 from wil_campaign.orchestrator.campaign.sensor_kinds import sensor_kinds
 from wil_campaign.orchestrator.campaign.workers.run_engine import EngineError
-from wil_campaign.orchestrator.campaign.workers.run_output import OUTPUT_FILE, output_tail
+from wil_campaign.orchestrator.campaign.workers.run_output import OUTPUT_FILE, run_output_tail
 from wil_campaign.orchestrator.campaign.workers.run_workers import WorkerLost
-from wil_campaign.orchestrator.campaign.workers.worker_pool import Pool
+from wil_campaign.orchestrator.campaign.workers.worker_pool import WorkerPool
 from wil_campaign.orchestrator.operator.campaign_controller import CampaignController
 from wil_campaign.orchestrator.operator.errors import OperatingError
 from wil_campaign.orchestrator.operator.operator_channels import open_operator_channels
-from wil_campaign.orchestrator.operator.run_messages import News, Progress
+from wil_campaign.orchestrator.operator.run_messages import News, RunProgressReport
 from wil_campaign.orchestrator.run.stages.return_flight import return_plan
 from wil_campaign.orchestrator.run.vehicles.preflight_checks import disk_item
 from wil_campaign.orchestrator.run_results.attempts import after_attempts, attempt_of, retry_due
 from wil_campaign.orchestrator.run_results.campaign_results import Summary, summarize
 from wil_campaign.orchestrator.run_results.exit_codes import exit_code, rehearsal_code
 from wil_campaign.orchestrator.run_results.junit import junit_xml
-from wil_campaign.orchestrator.run_results.result_parts import distinct
+from wil_campaign.orchestrator.run_results.result_parts import distinct_firmware
 from wil_campaign.orchestrator.run_results.run_result import NOT_ARMED, RunResult
-from wil_campaign.orchestrator.state.faults import Faults, fault_log
+from wil_campaign.orchestrator.state.faults import InternalFaults, fault_log
 from wil_campaign.orchestrator.state.run_setup import RunOrder
 
 _NAMES = {signal.SIGINT: "Ctrl-C", signal.SIGTERM: "SIGTERM", signal.SIGHUP: "SIGHUP"}
@@ -71,10 +71,10 @@ _OUTPUT_LINES = 3
 """How many lines of a run's output are shown with a verdict other than PASS."""
 
 
-class Watcher(Protocol):
+class CampaignWatcher(Protocol):
     """Shows a campaign while the runner flies it (protocol)."""
 
-    def progress(self, progress: Progress) -> None:
+    def progress(self, progress: RunProgressReport) -> None:
         """Show the progress of a run."""
 
     def finished(self, result: RunResult) -> None:
@@ -103,8 +103,8 @@ class CampaignOutcome:
 def fly_campaign(
     campaign: Campaign,
     options: FlightOptions,
-    cleared: Cleared,
-    watcher: Watcher,
+    cleared: ClearedCampaign,
+    watcher: CampaignWatcher,
     *,
     batch: Path | None = None,
 ) -> CampaignOutcome:
@@ -130,28 +130,31 @@ def fly_campaign(
 def _begin(
     campaign: Campaign,
     options: FlightOptions,
-    cleared: Cleared,
-    watcher: Watcher,
+    cleared: ClearedCampaign,
+    watcher: CampaignWatcher,
     stack: ExitStack,
     *,
     batch: Path | None,
 ) -> tuple[Path, ResumedCampaign, FlownFiles]:
     """Return the campaign's folder, locked until the stack ends, its finished runs, its files."""
-    document: Mapping[str, Any] = manifest(campaign, cleared.clock, arm=options.arm)
+    document: Mapping[str, Any] = campaign_manifest(campaign, cleared.clock, arm=options.arm)
     skipped = {*campaign.paths, *maybe_written_files(campaign)}
     files = FlownFiles.of(
-        campaign.document.path, document["files"], read=read_files(campaign), skipped=skipped
+        campaign.document.path,
+        document["files"],
+        read=files_read_by_campaign(campaign),
+        skipped=skipped,
     )
     if options.resume:
         folder = resumed_folder(batch or options.out, campaign.name)
         document = resumed_manifest(folder, document)
     else:
-        folder = batch or make_folder(options.out / campaign.name)
+        folder = batch or make_campaign_folder(options.out / campaign.name)
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        stack.enter_context(held(folder))
+        stack.enter_context(locked_campaign_folder(folder))
         _require_space(campaign, folder)
-        write_document(folder / "campaign.json", to_json(document))
+        write_campaign_document(folder / "campaign.json", to_json(document))
         if not options.resume:
             return folder, ResumedCampaign(results={}, attempts={}), files
         rules = ResumeRules(
@@ -162,7 +165,7 @@ def _begin(
         before = resume_campaign(campaign, folder, rules, say=watcher.say)
         if cleared.engine.reads_files_here:
             _require_same_code(folder, files, before)
-    except (TakenError, OSError) as error:
+    except (FolderTakenError, OSError) as error:
         raise OutputError(str(error)) from error
     watcher.say(
         f"resumed: {len(before.results)} of {len(campaign.plans)} are finished, in {folder}"
@@ -197,8 +200,8 @@ class _Flight:
         self,
         campaign: Campaign,
         options: FlightOptions,
-        cleared: Cleared,
-        watcher: Watcher,
+        cleared: ClearedCampaign,
+        watcher: CampaignWatcher,
         *,
         folder: Path,
         before: ResumedCampaign,
@@ -212,7 +215,7 @@ class _Flight:
         self._files = files
         self._changed: OutputError | None = None
         """Why no further run is flown, once a file has changed."""
-        self._plans = planned(campaign, arm=options.arm)
+        self._plans = runs_planned(campaign, arm=options.arm)
         self._results = dict(before.results)
         self._announced: set[str] = set()
         self._attempts = before.attempts
@@ -220,14 +223,14 @@ class _Flight:
         self._is_real = real_runs(campaign, cleared.hardware)
         self._lost_with_vehicle = ""
         began_s = time.monotonic()
-        self._faults = Faults(
+        self._faults = InternalFaults(
             time=lambda: time.monotonic() - began_s,
             log=fault_log(folder / "log.jsonl"),
             take=lambda fault: watcher.say(f"internal error: {fault.text}; see log.jsonl"),
         )
         self._learning = LiftoffLearning(campaign, cleared.clock)
         self._workers = cleared.engine.workers(campaign, folder, self._say)
-        self._pool = Pool[RunOrder, RunResult](
+        self._pool = WorkerPool[RunOrder, RunResult](
             jobs=cleared.jobs,
             workers=self._workers,
             report=self._report,
@@ -267,7 +270,7 @@ class _Flight:
             expected=(OutputError, OperatingError, EngineError, OSError, EOFError),
         )
         try:
-            with raising_first_of(OutputError, EngineError), account.of(loop):
+            with raising_first_task_error(OutputError, EngineError), account.of(loop):
                 async with open_operator_channels(self._controller, self._campaign.operators):
                     await self._pool.fly(self._orders())
                 if self._changed is not None:
@@ -381,7 +384,7 @@ class _Flight:
         for name in [name for name in self._results if name not in due]:
             del self._results[name]
             try:
-                place = set_aside(self._folder, name).relative_to(self._folder)
+                place = set_run_folder_aside(self._folder, name).relative_to(self._folder)
             except OSError as error:
                 raise OutputError(f"{self._folder / name} cannot be set aside: {error}") from error
             self._say(f"{name}: flown after the decision, does not count; kept in {place}")
@@ -391,7 +394,7 @@ class _Flight:
         # A fault of a display must not end a flight.
         with self._faults.recording("progress"):
             self._controller.news(news)
-        if isinstance(news, Progress):
+        if isinstance(news, RunProgressReport):
             self._repositioning.end_wait()
             if news.case in self._campaign.setups:  # a return flight is no run
                 with self._faults.recording("progress"):
@@ -406,9 +409,9 @@ class _Flight:
         if isinstance(outcome, WorkerLost):
             result = after_attempts(lost_result(order.plan, outcome, order.folder), order.attempts)
             if not (order.folder / "result.json").exists():  # another program may have flown it
-                write_document(order.folder / "result.json", to_json(result))
+                write_campaign_document(order.folder / "result.json", to_json(result))
             if outcome.details:
-                write_document(order.folder / "error.txt", outcome.details)
+                write_campaign_document(order.folder / "error.txt", outcome.details)
                 fault_log(order.folder / "log.jsonl")(outcome.fault)
         else:
             result = outcome
@@ -436,11 +439,11 @@ class _Flight:
         return following
 
     def _show_output(self, order: RunOrder) -> None:
-        lines = output_tail(order.folder, _OUTPUT_LINES)
+        lines = run_output_tail(order.folder, _OUTPUT_LINES)
         if lines:
             self._say(f"{order.plan.name}: {order.folder / OUTPUT_FILE} ends with")
         for line in lines:
-            self._say(f"  {printable(line)}")
+            self._say(f"  {printable_problem(line)}")
 
     def _retry_run(self, order: RunOrder, result: RunResult) -> RunOrder | None:
         """Set a run's files aside and return the order to fly it once more; None if none is due.
@@ -459,7 +462,9 @@ class _Flight:
         if not is_due or self._controller.stopped is not None or not self._is_due(order.plan):
             return None
         try:
-            place = str(set_aside(self._folder, order.plan.name).relative_to(self._folder))
+            place = str(
+                set_run_folder_aside(self._folder, order.plan.name).relative_to(self._folder)
+            )
         except OSError as error:
             raise OutputError(f"{order.folder} cannot be set aside: {error}") from error
         self._say(f"{order.plan.name}: {result.verdict}, {result.reason}; flown again")
@@ -494,27 +499,27 @@ class _Flight:
             caveats=self._campaign.caveats,
             not_flown=tuple(plan.name for plan in plans if plan.name not in self._results),
         )
-        write_document(self._folder / "summary.json", to_json(summary))
+        write_campaign_document(self._folder / "summary.json", to_json(summary))
         if has_ended:
             self._record_firmware(summary)
         junit = junit_xml(summary, self._campaign.requirements, arm=self._options.arm)
-        write_document(self._folder / "junit.xml", junit)
+        write_campaign_document(self._folder / "junit.xml", junit)
         if self._options.junit is not None:
-            write_document(self._options.junit, junit)
+            write_campaign_document(self._options.junit, junit)
         return summary
 
     def _record_firmware(self, summary: Summary) -> None:
         """Add the firmware that flew to campaign.json. Raises OutputError."""
         path = self._folder / "campaign.json"
         runs = (*summary.runs, *summary.controls)
-        flown = distinct(flown_firmware for run in runs for flown_firmware in run.firmware)
+        flown = distinct_firmware(flown_firmware for run in runs for flown_firmware in run.firmware)
         try:
-            document = read_json(path)
+            document = read_limited_json(path)
         except (OSError, ValueError):  # lost or damaged while it flew: the results have it
             return
         if isinstance(document, dict) and flown:
             document["firmware"] = [asdict(flown_firmware) for flown_firmware in flown]
-            write_document(path, to_json(document))
+            write_campaign_document(path, to_json(document))
 
 
 def _with_artifact_paths(run: RunResult) -> RunResult:

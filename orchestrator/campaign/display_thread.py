@@ -6,7 +6,7 @@ from queue import SimpleQueue
 from typing import Protocol, Self
 
 from wil_campaign.foundation.tasks import FAULTS
-from wil_campaign.orchestrator.operator.run_messages import Progress
+from wil_campaign.orchestrator.operator.run_messages import RunProgressReport
 from wil_campaign.orchestrator.run_results.run_result import RunResult
 
 _MOST_UPDATES, _MOST_LINES = 1_000, 100_000
@@ -14,7 +14,7 @@ _MOST_UPDATES, _MOST_LINES = 1_000, 100_000
 _SETTLED_S = 2.0
 
 
-class Display(Protocol):
+class ProgressDisplay(Protocol):
     """Displays the progress of runs in flight and finished ones; a context manager."""
 
     def __enter__(self) -> Self:
@@ -23,7 +23,7 @@ class Display(Protocol):
     def __exit__(self, *_: object) -> None:
         """End the progress display and restore the terminal."""
 
-    def progress(self, progress: Progress) -> None:
+    def progress(self, progress: RunProgressReport) -> None:
         """Display the progress of a run in flight."""
 
     def finished(self, result: RunResult) -> None:
@@ -44,7 +44,7 @@ class DisplayThread:
     was raised before. The exit waits until all is displayed.
     """
 
-    def __init__(self, display: Display) -> None:
+    def __init__(self, display: ProgressDisplay) -> None:
         self._display = display
         self._calls: SimpleQueue[Callable[[], None] | None] = SimpleQueue()
         self._errors: SimpleQueue[BaseException] = SimpleQueue()
@@ -64,7 +64,7 @@ class DisplayThread:
         if not self._has_raised and not any(error):
             self._raise_error()
 
-    def progress(self, progress: Progress) -> None:
+    def progress(self, progress: RunProgressReport) -> None:
         """Have the progress of a run displayed, unless too much waits."""
         if self._calls.qsize() < _MOST_UPDATES:
             self._calls.put(lambda: self._display.progress(progress))

@@ -8,7 +8,7 @@ from cyclopts import Parameter
 
 from wil_campaign.foundation.clocks.virtual_loop import Clock
 from wil_campaign.hooks import engines
-from wil_campaign.installed_plugins import added
+from wil_campaign.installed_plugins import plugin_additions
 from wil_campaign.orchestrator.campaign.workers.run_engine import LOCAL, LocalRunEngine, RunEngine
 from wil_campaign.orchestrator.run_results.campaign_results import VehicleKind
 
@@ -16,7 +16,9 @@ from wil_campaign.orchestrator.run_results.campaign_results import VehicleKind
 def _engine_help() -> str:
     """Return the help of --engine, with the engines of plugins."""
     here = "Where runs fly: local, in processes of this machine"
-    return "; ".join((here, *(engine.help for engine in added(engines).values() if engine.help)))
+    return "; ".join(
+        (here, *(engine.help for engine in plugin_additions(engines).values() if engine.help))
+    )
 
 
 @Parameter(name="*")
@@ -77,7 +79,7 @@ USUAL = FlightOptions()
 
 
 @dataclass(frozen=True, slots=True)
-class Cleared:
+class ClearedCampaign:
     """A campaign cleared for flight: what its options came to.
 
     jobs: how many runs fly at once. real_kind: what flies as the real vehicle. hardware: the names

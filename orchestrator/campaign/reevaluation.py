@@ -6,20 +6,24 @@ from pathlib import Path
 from typing import Any
 
 from wil_campaign.campaigns.expansion.expansion import Campaign, RunPlan, load_campaign
-from wil_campaign.foundation.files.limited_json import loads_limited, read_json, read_limited
+from wil_campaign.foundation.files.limited_json import (
+    loads_limited_json,
+    read_limited_bytes,
+    read_limited_json,
+)
 from wil_campaign.orchestrator.campaign.folder.manifest import (
     judging_manifest,
-    of_runs,
+    manifest_run_values,
     world_digest,
 )
 from wil_campaign.orchestrator.campaign.folder.manifest_changes import changes_since_flight
 from wil_campaign.orchestrator.campaign.folder.repetitions import runs_due
-from wil_campaign.orchestrator.campaign.resuming.attached_vehicles import with_open_poses
+from wil_campaign.orchestrator.campaign.resuming.attached_vehicles import vehicles_with_open_poses
 from wil_campaign.orchestrator.recording.errors import RecordingError
 from wil_campaign.orchestrator.recording.judge_log_file import FILE_NAME
 from wil_campaign.orchestrator.recording.trajectory import recorded_note
 from wil_campaign.orchestrator.run.judging.run_oracles import build_judge
-from wil_campaign.orchestrator.run.judging.run_outcome import reason_of
+from wil_campaign.orchestrator.run.judging.run_outcome import outcome_reason
 from wil_campaign.orchestrator.run_results.campaign_results import Summary, summarize
 from wil_campaign.orchestrator.run_results.control_results import control_result
 from wil_campaign.orchestrator.run_results.exit_codes import exit_code
@@ -28,13 +32,18 @@ from wil_campaign.orchestrator.run_results.result_reader import (
     read_result,
     read_summary,
 )
-from wil_campaign.orchestrator.run_results.run_result import RunResult, also_of
+from wil_campaign.orchestrator.run_results.run_result import RunResult, later_events_of
 from wil_campaign.orchestrator.state.run_log import decisive_event
 from wil_campaign.orchestrator.state.run_setup import RunOrder, RunSetup
-from wil_campaign.safety.evaluation.judge import unjudged
+from wil_campaign.safety.evaluation.judge import unjudged_contacts
 from wil_campaign.safety.evaluation.judge_log import JudgeLogError, judge_from_log, read_judge_log
 from wil_campaign.safety.evidence.evidence import SOURCE
-from wil_campaign.safety.model.verdict import Decision, DecisiveEvent, decide, source_of
+from wil_campaign.safety.model.verdict import (
+    DecisiveEvent,
+    RunDecision,
+    decide_verdict,
+    event_source_of,
+)
 from wil_campaign.worlds.scene.track import RunHistory
 
 
@@ -99,7 +108,7 @@ def _as_settled(campaign: Campaign, flown: Mapping[str, Any]) -> Campaign:
     given = flown["options"].get("set", ()) if isinstance(flown.get("options"), dict) else ()
     wanted = {
         f"vehicles.{with_open_pose}.pose_source=simulator"
-        for with_open_pose in with_open_poses(campaign)
+        for with_open_pose in vehicles_with_open_poses(campaign)
     }
     if not (settled := tuple(one for one in given if one in wanted)):
         return campaign
@@ -146,7 +155,7 @@ def _summary_of_flight(path: Path) -> Summary:
 def _document(path: Path) -> dict[str, Any]:
     """Return a JSON document of the results folder; empty without one, or if it is damaged."""
     try:
-        document = read_json(path)
+        document = read_limited_json(path)
     except (OSError, ValueError):
         return {}
     return document if isinstance(document, dict) else {}
@@ -159,7 +168,7 @@ def _require_same_worlds(
 
     The vehicle flew among the objects of that time; its clearance to other objects shows nothing.
     """
-    flown_in = of_runs(manifest, "world")
+    flown_in = manifest_run_values(manifest, "world")
     for plan in plans:
         flown = flown_in.get(plan.name)
         if flown is None:
@@ -192,7 +201,7 @@ def judge_run_again(plan: RunPlan, folder: Path) -> Reevaluation:
     if played.end_s is None:
         raise RecordingError(f"{folder / FILE_NAME} was cut before the end of the run")
     oracles = judge.results(played.end_s)
-    decision = decide(
+    decision = decide_verdict(
         [*_foreign_events(folder / "log.jsonl", before), *judge.decisive],
         oracles,
         end_s=played.end_s,
@@ -201,14 +210,14 @@ def judge_run_again(plan: RunPlan, folder: Path) -> Reevaluation:
         worst=judge.worst_texts,
     )
     note = decision.note or _note_at(folder, decision, before)
-    reason = reason_of(decision, note, oracles, goal_s=played.stages.get("goal"))
+    reason = outcome_reason(decision, note, oracles, goal_s=played.stages.get("goal"))
     campaign = setup.case
     now = replace(
         before,
-        not_judged=unjudged(campaign.oracles, collision_always=campaign.collision_always),
+        not_judged=unjudged_contacts(campaign.oracles, collision_always=campaign.collision_always),
         verdict=decision.verdict,
         reason=reason,
-        also=also_of(decision),
+        also=later_events_of(decision),
         required=plan.required,
         oracles=oracles,
         evidence=judge.evidence,
@@ -226,7 +235,7 @@ def judge_run_again(plan: RunPlan, folder: Path) -> Reevaluation:
     return Reevaluation(before, now)
 
 
-def _note_at(folder: Path, decision: Decision, before: RunResult) -> str:
+def _note_at(folder: Path, decision: RunDecision, before: RunResult) -> str:
     """Return the autonomy's note at the time of a decision, as the flight or its path has it."""
     made = (decision.verdict, decision.source, decision.reason)
     if made == (before.verdict, before.decided_by, before.bare_reason):
@@ -239,13 +248,15 @@ def _foreign_events(log: Path, before: RunResult) -> list[DecisiveEvent]:
 
     Raises RecordingError when the log is damaged, was cut, or lacks the event of the verdict.
     """
-    own = {source_of(oracle.name, oracle.vehicle) for oracle in before.oracles}
+    own = {event_source_of(oracle.name, oracle.vehicle) for oracle in before.oracles}
     try:
         is_whole, events, flags = False, list[DecisiveEvent](), set[tuple[Any, ...]]()
-        for text in read_limited(log).splitlines():
-            line = loads_limited(text)
+        for text in read_limited_bytes(log).splitlines():
+            line = loads_limited_json(text)
             if line["event"] == "flag":
-                flags.add((line["t_s"], line["text"], source_of(line["oracle"], line["vehicle"])))
+                flags.add(
+                    (line["t_s"], line["text"], event_source_of(line["oracle"], line["vehicle"]))
+                )
             if line["event"] == "decisive":
                 events.append(decisive_event(line))
             is_whole = is_whole or (line["event"] == "stage" and line["stage"] == "end")

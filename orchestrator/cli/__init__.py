@@ -17,8 +17,12 @@ from cyclopts import App, CycloptsError, Group, MissingArgumentError, Parameter
 
 from wil_campaign import hooks
 from wil_campaign.hooks import Command, HelpSection
-from wil_campaign.installed_plugins import absent, added, needed_by
-from wil_campaign.orchestrator.cli.standard_streams import StreamError, err, repair_standard_streams
+from wil_campaign.installed_plugins import absent_additions, needed_plugin_text, plugin_additions
+from wil_campaign.orchestrator.cli.standard_streams import (
+    StreamError,
+    repair_standard_streams,
+    write_stderr,
+)
 
 USAGE_ERROR = 2
 INTERNAL_ERROR = 3
@@ -119,12 +123,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except SystemExit as error:
         return error.code if isinstance(error.code, int) else int(error.code is not None)
     except KeyboardInterrupt:
-        err("interrupted")
+        write_stderr("interrupted")
         return INTERRUPTED
     except BrokenPipeError:
         return INTERNAL_ERROR  # the reader of standard output has closed it
     except StreamError as error:
-        err(error)
+        write_stderr(error)
         return INTERNAL_ERROR
     except BaseException as error:  # noqa: BLE001 - nothing above this reports it
         return _report_failure(error)
@@ -136,8 +140,8 @@ def _call_command(tokens: list[str]) -> int:
     if not tokens:
         app.help_print(console=app.error_console)
         return USAGE_ERROR
-    if tokens[0] in (missing := absent(hooks.commands)):
-        err(missing[tokens[0]])
+    if tokens[0] in (missing := absent_additions(hooks.commands)):
+        write_stderr(missing[tokens[0]])
         return USAGE_ERROR
     _import_command(tokens)
     code = app(tokens, result_action="return_value")
@@ -147,7 +151,7 @@ def _call_command(tokens: list[str]) -> int:
 def all_commands() -> Mapping[str, Command]:
     """Return the commands by name: the core's, then those of plugins. Raises BadInput."""
     own = {command.name: command for command in _COMMANDS}
-    return {**own, **added(hooks.commands, own)}
+    return {**own, **plugin_additions(hooks.commands, own)}
 
 
 def _import_command(tokens: Sequence[str]) -> None:
@@ -243,7 +247,7 @@ def _report_failure(error: BaseException) -> int:
     from wil_campaign.safety.guard.process.runtime_folder import RuntimeFolderError  # noqa: PLC0415
 
     if isinstance(error, BadInput | RuntimeFolderError):
-        err(error)
+        write_stderr(error)
         if isinstance(error, BadInput):
             from wil_campaign.orchestrator.cli.announcements import (  # noqa: PLC0415
                 announce_problems,
@@ -251,12 +255,12 @@ def _report_failure(error: BaseException) -> int:
 
             announce_problems(error.problems, error.warnings)
         return USAGE_ERROR
-    if text := needed_by("this command", error):
-        err(text)
+    if text := needed_plugin_text("this command", error):
+        write_stderr(text)
         return USAGE_ERROR
     trace = "".join(traceback.format_exception(error))
     if os.environ.get("WIL_DEBUG") == "1":
-        err(trace.rstrip())
+        write_stderr(trace.rstrip())
         return INTERNAL_ERROR
     message = f"internal error: {type(error).__name__}: {error}"
     try:
@@ -267,5 +271,5 @@ def _report_failure(error: BaseException) -> int:
         message += f"\nthe traceback is in {log.name}; WIL_DEBUG=1 shows it here"
     except OSError as unwritable:
         message += f"\nno traceback could be written ({unwritable}); WIL_DEBUG=1 shows it here"
-    err(message)
+    write_stderr(message)
     return INTERNAL_ERROR

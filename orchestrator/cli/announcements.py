@@ -7,8 +7,8 @@ from typing import Any
 from wil_campaign.campaigns.expansion.expansion import Campaign
 from wil_campaign.foundation.files.problems import BadInput, Problem
 from wil_campaign.hooks import Announcer, announcers
-from wil_campaign.installed_plugins import added, load
-from wil_campaign.orchestrator.cli.standard_streams import err
+from wil_campaign.installed_plugins import load_plugin_object, plugin_additions
+from wil_campaign.orchestrator.cli.standard_streams import write_stderr
 from wil_campaign.orchestrator.run_results.campaign_results import Summary
 
 
@@ -26,11 +26,11 @@ def announce_verdicts(
 
 def _announce(function_of: Callable[[Announcer], str], *args: object, **options: Any) -> None:
     try:
-        found = added(announcers)
+        found = plugin_additions(announcers)
     except BadInput:
         return  # a plugin that cannot be used is the fault that is reported already
     for name, announcer in found.items():
         try:
-            load(function_of(announcer))(*args, **options)
+            load_plugin_object(function_of(announcer))(*args, **options)
         except Exception as error:  # noqa: BLE001 - the command has ended, and its results are whole
-            err(f"{name} announces nothing: {type(error).__name__}: {error}")
+            write_stderr(f"{name} announces nothing: {type(error).__name__}: {error}")

@@ -10,25 +10,25 @@ from importlib.util import find_spec
 from wil_campaign.campaigns.expansion.expansion import Campaign
 from wil_campaign.campaigns.setup.actor_setups import ActorSetup
 from wil_campaign.campaigns.setup.bench_file import Bench
-from wil_campaign.campaigns.setup.encounters import encounters
+from wil_campaign.campaigns.setup.encounters import actor_encounters
 from wil_campaign.campaigns.setup.vehicle_setups import FlownSetup
 from wil_campaign.foundation.clocks.virtual_loop import Clock
-from wil_campaign.foundation.files.paths import exists
+from wil_campaign.foundation.files.paths import path_exists
 from wil_campaign.foundation.processes.linux import usable_cores
-from wil_campaign.orchestrator.campaign.flight_options import Cleared, FlightOptions
+from wil_campaign.orchestrator.campaign.flight_options import ClearedCampaign, FlightOptions
 from wil_campaign.orchestrator.campaign.resuming.attached_vehicles import (
     AttachedVehicle,
     attached_vehicles,
-    find_all,
-    find_at,
+    find_attached_vehicles,
+    find_vehicle_at,
     flown_vehicles,
     kinds_of_real,
     planned_setups,
-    with_open_poses,
+    vehicles_with_open_poses,
 )
 from wil_campaign.orchestrator.campaign.workers.run_engine import LOCAL
-from wil_campaign.orchestrator.cli.clock_choice import clock_for, shared_of
-from wil_campaign.orchestrator.cli.standard_streams import err
+from wil_campaign.orchestrator.cli.clock_choice import campaign_clock_for, shared_resources_of
+from wil_campaign.orchestrator.cli.standard_streams import write_stderr
 from wil_campaign.orchestrator.cli.text_table import count_text
 from wil_campaign.orchestrator.run_results.campaign_results import VehicleKind
 from wil_campaign.orchestrator.state.parameter_backups import NoHomeError, parameter_backup_folder
@@ -40,7 +40,7 @@ UNAVAILABLE = 3
 _IDENTIFY_S = 5.0
 
 
-class RefusedError(Exception):
+class FlightRefusedError(Exception):
     """A campaign that may not be flown or armed; with the exit code and the remedy."""
 
     def __init__(self, text: str, code: int) -> None:
@@ -48,45 +48,47 @@ class RefusedError(Exception):
         self.code = code
 
 
-class NotConfirmedError(RefusedError):
+class NotConfirmedError(FlightRefusedError):
     """The person at the terminal did not consent."""
 
 
-def clear(campaign: Campaign, options: FlightOptions) -> Cleared:
+def clear_for_flight(campaign: Campaign, options: FlightOptions) -> ClearedCampaign:
     """Settle clock and jobs, identify attached vehicles, and get the consent to arm."""
     if options.engine == LOCAL and find_spec("jsbsim") is None:
         _require_no_embedded(campaign)
     jobs = options.jobs
     attached = attached_vehicles(campaign)
     wanted = settled_clock(campaign, options.clock)
-    shared = shared_of(campaign)
+    shared = shared_resources_of(campaign)
     if jobs is not None and jobs < 1:
-        raise RefusedError(f"--jobs {jobs}: must be at least 1", REFUSED)
+        raise FlightRefusedError(f"--jobs {jobs}: must be at least 1", REFUSED)
     if shared and (jobs or 1) > 1:
-        raise RefusedError(f"--jobs {jobs}: runs of this campaign would share {shared[0]}", REFUSED)
+        raise FlightRefusedError(
+            f"--jobs {jobs}: runs of this campaign would share {shared[0]}", REFUSED
+        )
     if not attached:
         most = 1 if shared else _default_jobs(wanted)
-        return Cleared(wanted, jobs or most, _kind_of_real(campaign, ()))
+        return ClearedCampaign(wanted, jobs or most, _kind_of_real(campaign, ()))
     where = " and ".join(f"{flown.name} ({flown.attached})" for flown in attached)
     if jobs is not None and jobs > 1:
-        raise RefusedError(f"--jobs {jobs}: {where} can fly one run at a time only", REFUSED)
+        raise FlightRefusedError(f"--jobs {jobs}: {where} can fly one run at a time only", REFUSED)
     if options.arm:
         _require_options(attached, options)
         require_may_arm(campaign.benches, user_name())
         _require_backups()
-    found = find_vehicles(attached)
+    found = find_vehicles_to_arm(attached)
     real_kind = _kind_of_real(campaign, found)
     if options.arm:
         _confirm(campaign, found)
     hardware = " and ".join(vehicle.name for vehicle in found if not vehicle.identity.simulation)
-    return Cleared(wanted, 1, real_kind, hardware, settings=_settings_of(campaign, found))
+    return ClearedCampaign(wanted, 1, real_kind, hardware, settings=_settings_of(campaign, found))
 
 
 def _settings_of(campaign: Campaign, found: Iterable[AttachedVehicle]) -> tuple[str, ...]:
     """Return the settings by which simulations are judged by the ground truth that they offer."""
-    asked = [vehicle for vehicle in found if vehicle.name in with_open_poses(campaign)]
+    asked = [vehicle for vehicle in found if vehicle.name in vehicles_with_open_poses(campaign)]
     for vehicle in asked:
-        err(vehicle.judged_text)
+        write_stderr(vehicle.judged_text)
     settings = (
         f"vehicles.{vehicle.name}.pose_source=simulator" for vehicle in asked if vehicle.truth
     )
@@ -100,7 +102,7 @@ def _require_no_embedded(campaign: Campaign) -> None:
         for flown_vehicle in flown_vehicles(campaign)
         if flown_vehicle.embedded and flown_vehicle.physics == "jsbsim"
     ]:
-        raise RefusedError(f"{' and '.join(names)}: {NO_JSBSIM}", REFUSED)
+        raise FlightRefusedError(f"{' and '.join(names)}: {NO_JSBSIM}", REFUSED)
 
 
 def _kind_of_real(campaign: Campaign, found: Iterable[AttachedVehicle]) -> VehicleKind:
@@ -108,7 +110,7 @@ def _kind_of_real(campaign: Campaign, found: Iterable[AttachedVehicle]) -> Vehic
     cases = kinds_of_real(campaign, found)
     if len(cases) > 1:
         where = " and ".join(f"{kind} in {', '.join(names)}" for kind, names in cases.items())
-        raise RefusedError(
+        raise FlightRefusedError(
             f"real is {where}: the results of a campaign state one kind of real vehicle; fly these "
             "cases as campaigns of their own, by --case",
             REFUSED,
@@ -126,7 +128,7 @@ def _require_options(attached: Iterable[FlownSetup], options: FlightOptions) -> 
     for option, vehicles in by_option.items():
         if not given[option]:
             where = " and ".join(f"{vehicle.name} ({vehicle.attached})" for vehicle in vehicles)
-            raise RefusedError(
+            raise FlightRefusedError(
                 f"{where}: it may be hardware, and is armed only with {option}; --no-arm checks "
                 "everything else",
                 REFUSED,
@@ -137,7 +139,7 @@ def require_may_arm(benches: Iterable[Bench], user: str) -> None:
     """Raise RefusedError where a bench does not let this user consent to arm."""
     for bench in benches:
         if bench.users is not None and not bench.may_arm(user):
-            raise RefusedError(
+            raise FlightRefusedError(
                 f"bench {bench.name}: {user} may not arm there, only {', '.join(bench.users)} "
                 f"({bench.document.name}, arming.users); --no-arm checks everything else",
                 REFUSED,
@@ -149,10 +151,10 @@ def _require_backups() -> None:
     try:
         folder = parameter_backup_folder()
     except NoHomeError as error:
-        raise RefusedError(str(error), REFUSED) from error
-    there = next(path for path in (folder, *folder.parents) if exists(path))
+        raise FlightRefusedError(str(error), REFUSED) from error
+    there = next(path for path in (folder, *folder.parents) if path_exists(path))
     if not os.access(there, os.W_OK | os.X_OK):
-        raise RefusedError(
+        raise FlightRefusedError(
             f"parameters of attached vehicles cannot be backed up in {folder}: {there} is not "
             "writable; set XDG_STATE_HOME to a folder that outlives a reboot",
             REFUSED,
@@ -175,14 +177,14 @@ def _default_jobs(clock: Clock) -> int:
 
 def settled_clock(campaign: Campaign, requested: Clock | None) -> Clock:
     """Return the clock of a campaign to be armed. Raises RefusedError, BadInput."""
-    able = clock_for(campaign, requested)
+    able = campaign_clock_for(campaign, requested)
     outside = [
         flown_vehicle.name
         for flown_vehicle in flown_vehicles(campaign)
         if not flown_vehicle.embedded
     ]
     if requested == "virtual" and outside:
-        raise RefusedError(
+        raise FlightRefusedError(
             f"--clock virtual: {' and '.join(outside)} is not embedded and flies in real time; "
             "leave --clock out, or use --clock wall",
             REFUSED,
@@ -196,15 +198,15 @@ def clear_vehicle(address: LinkAddress, *, purpose: str, arm_real: bool) -> Atta
     purpose: what it is armed for. A vehicle that does not report to be a simulation is refused.
     """
     if not arm_real:
-        raise RefusedError(
+        raise FlightRefusedError(
             f"{address}: it may be hardware, and is armed only with --arm-real; without --fly it "
             "is only identified",
             REFUSED,
         )
-    found = find_vehicle(address)
-    err(found)
+    found = find_vehicle_to_arm(address)
+    write_stderr(found)
     if not found.identity.simulation:
-        raise RefusedError(
+        raise FlightRefusedError(
             f"{found.name} reports a board ({found.identity.uid}), not a simulation: {purpose} is "
             "for simulators only; start the firmware as SITL and give its link",
             REFUSED,
@@ -215,22 +217,22 @@ def clear_vehicle(address: LinkAddress, *, purpose: str, arm_real: bool) -> Atta
     return found
 
 
-def find_vehicle(address: LinkAddress) -> AttachedVehicle:
+def find_vehicle_to_arm(address: LinkAddress) -> AttachedVehicle:
     """Return the vehicle at an address, identified. Raises RefusedError."""
     try:
-        return asyncio.run(find_at(address, _IDENTIFY_S))
+        return asyncio.run(find_vehicle_at(address, _IDENTIFY_S))
     except VehicleError as error:
-        raise RefusedError(str(error), UNAVAILABLE) from error
+        raise FlightRefusedError(str(error), UNAVAILABLE) from error
 
 
-def find_vehicles(vehicles: Iterable[FlownSetup]) -> tuple[AttachedVehicle, ...]:
+def find_vehicles_to_arm(vehicles: Iterable[FlownSetup]) -> tuple[AttachedVehicle, ...]:
     """Return the attached vehicles to be armed, identified. Raises RefusedError."""
     try:
-        found = asyncio.run(find_all(vehicles, _IDENTIFY_S))
+        found = asyncio.run(find_attached_vehicles(vehicles, _IDENTIFY_S))
     except VehicleError as error:
-        raise RefusedError(str(error), UNAVAILABLE) from error
+        raise FlightRefusedError(str(error), UNAVAILABLE) from error
     for vehicle in found:
-        err(vehicle)
+        write_stderr(vehicle)
         _refuse_armed(vehicle)
     return found
 
@@ -238,7 +240,7 @@ def find_vehicles(vehicles: Iterable[FlownSetup]) -> tuple[AttachedVehicle, ...]
 def _refuse_armed(vehicle: AttachedVehicle) -> None:
     """Refuse a vehicle that is armed. Raises RefusedError."""
     if vehicle.armed:
-        raise RefusedError(
+        raise FlightRefusedError(
             f"{vehicle.name} is armed already; disarm it and start again", UNAVAILABLE
         )
 
@@ -253,7 +255,7 @@ def _confirm(campaign: Campaign, found: tuple[AttachedVehicle, ...]) -> None:
         if has_terminal():
             _require_answer(f"{encounter}. Type {actor.name} to consent: ", {actor.name.lower()})
         elif not (actor.identity.simulation and other.identity.simulation):
-            raise RefusedError(
+            raise FlightRefusedError(
                 f"{encounter}: one of them may be hardware; consent is given by a person at a "
                 "terminal",
                 REFUSED,
@@ -270,7 +272,7 @@ def _encounters(
     names = dict.fromkeys(
         (encounter.actor.name, encounter.other.name)
         for setup, mode in planned_setups(campaign)
-        for encounter in encounters(setup, mode)
+        for encounter in actor_encounters(setup, mode)
         if not encounter.is_far
     )
     return ((by_name[actor], by_name[other]) for actor, other in names)

@@ -44,12 +44,12 @@ def external_needs(campaign: Campaign) -> tuple[ExternalNeeds, ...]:
     )
 
 
-def shared_of(campaign: Campaign) -> tuple[str, ...]:
+def shared_resources_of(campaign: Campaign) -> tuple[str, ...]:
     """Return the names of external resources that parallel runs would share."""
     return tuple(name for setup in campaign.setups.values() for _, name in setup.shared_by_runs())
 
 
-def clock_for(campaign: Campaign, wanted: Clock | None) -> Clock:
+def campaign_clock_for(campaign: Campaign, wanted: Clock | None) -> Clock:
     """Return the chosen clock. Raises BadInput when the wanted one is impossible."""
     outside = external_needs(campaign)
     paced = _own_paces(campaign)

@@ -10,26 +10,30 @@ from pathlib import Path
 
 from wil_campaign.campaigns.expansion.expansion import (
     Campaign,
-    Options,
+    ExpansionOptions,
     load_campaign,
     requested_bench,
 )
 from wil_campaign.hooks import Engine, engines
-from wil_campaign.installed_plugins import absent, added, load
-from wil_campaign.orchestrator.campaign.flight_options import Cleared, FlightOptions
+from wil_campaign.installed_plugins import absent_additions, load_plugin_object, plugin_additions
+from wil_campaign.orchestrator.campaign.flight_options import ClearedCampaign, FlightOptions
 from wil_campaign.orchestrator.campaign.folder.bench_lock import held_benches
-from wil_campaign.orchestrator.campaign.folder.campaign_folder import require_writable
-from wil_campaign.orchestrator.campaign.folder.repetitions import planned
+from wil_campaign.orchestrator.campaign.folder.campaign_folder import require_writable_results
+from wil_campaign.orchestrator.campaign.folder.repetitions import runs_planned
 from wil_campaign.orchestrator.campaign.resuming.attached_vehicles import attached_vehicles
 from wil_campaign.orchestrator.campaign.workers.run_engine import LOCAL, EngineError
 from wil_campaign.orchestrator.campaign.workers.run_server import start_run_server
-from wil_campaign.orchestrator.cli.arming_consent import REFUSED, RefusedError, clear
+from wil_campaign.orchestrator.cli.arming_consent import (
+    REFUSED,
+    FlightRefusedError,
+    clear_for_flight,
+)
 
 
 @contextmanager
 def ready_flight(
-    file: Path, selection: Options, options: FlightOptions
-) -> Iterator[tuple[Campaign, Cleared]]:
+    file: Path, selection: ExpansionOptions, options: FlightOptions
+) -> Iterator[tuple[Campaign, ClearedCampaign]]:
     """Yield a campaign that may be flown, after consent where it is required.
 
     Its engine and its bench are reserved until the end. Raises BadInput, OutputError, RefusedError,
@@ -42,7 +46,7 @@ def ready_flight(
         return
     check_engine(options.engine)
     if selection.benches:
-        raise RefusedError(
+        raise FlightRefusedError(
             f"--engine {options.engine}: a cluster has its own benches; leave --bench-file out",
             REFUSED,
         )
@@ -50,24 +54,24 @@ def ready_flight(
     if request is None:
         ready = _ready_elsewhere(load_selected(file, selection, options), options)
     else:
-        on_bench = load(_engine_of(options.engine).on_bench)
+        on_bench = load_plugin_object(_engine_of(options.engine).on_bench)
         ready = on_bench(file, selection, options, *request)
     with ready as flight:
         yield flight
 
 
-def load_selected(file: Path, selection: Options, options: FlightOptions) -> Campaign:
+def load_selected(file: Path, selection: ExpansionOptions, options: FlightOptions) -> Campaign:
     """Return the campaign with the requested runs. Raises BadInput, RefusedError."""
     campaign = load_campaign(file, selection)
     if options.runs is None:
         return campaign
     known = {plan.name for plan in campaign.plans}
     if unknown := [name for name in options.runs if name not in known]:
-        raise RefusedError(f"the campaign has no run '{unknown[0]}'", REFUSED)
-    return only_runs(campaign, frozenset(options.runs))
+        raise FlightRefusedError(f"the campaign has no run '{unknown[0]}'", REFUSED)
+    return campaign_of_runs(campaign, frozenset(options.runs))
 
 
-def only_runs(campaign: Campaign, names: Collection[str]) -> Campaign:
+def campaign_of_runs(campaign: Campaign, names: Collection[str]) -> Campaign:
     """Return a campaign with only some of its runs and controls; `left_out` counts the others."""
     runs = tuple(plan for plan in campaign.runs if plan.name in names)
     controls = tuple(plan for plan in campaign.controls if plan.name in names)
@@ -79,13 +83,13 @@ def only_runs(campaign: Campaign, names: Collection[str]) -> Campaign:
 def check_engine(text: str) -> None:
     """Raise EngineError for a value of --engine that cannot be used."""
     if text != LOCAL:
-        load(_engine_of(text).check)(text)
+        load_plugin_object(_engine_of(text).check)(text)
 
 
 @contextmanager
-def on_engine(
-    campaign: Campaign, options: FlightOptions, cleared: Cleared, *, runs: int, again: bool
-) -> Iterator[Cleared]:
+def cleared_on_engine(
+    campaign: Campaign, options: FlightOptions, cleared: ClearedCampaign, *, runs: int, again: bool
+) -> Iterator[ClearedCampaign]:
     """Start the engine named by --engine; yield the clearance to fly `runs` there.
 
     again: the engine flies further campaigns. Raises EngineError.
@@ -94,7 +98,7 @@ def on_engine(
     if options.engine == LOCAL:
         yield cleared
         return
-    start = load(_engine_of(options.engine).start)
+    start = load_plugin_object(_engine_of(options.engine).start)
     with start(campaign, options, cleared, store=store, runs=runs, again=again) as elsewhere:
         yield elsewhere
 
@@ -109,13 +113,17 @@ def result_store(options: FlightOptions) -> object:
         )
     if not (store := _engine_of(options.engine).store):
         raise EngineError(f"--store: --engine {options.engine} uses none; leave --store out", 2)
-    found: object = load(store)(options.store)
+    found: object = load_plugin_object(store)(options.store)
     return found
 
 
 def _engine_of(text: str) -> Engine:
     """Return the engine of a plugin that a value of --engine names. Raises EngineError."""
-    name, known, missing = text.partition("://")[0], added(engines, (LOCAL,)), absent(engines)
+    name, known, missing = (
+        text.partition("://")[0],
+        plugin_additions(engines, (LOCAL,)),
+        absent_additions(engines),
+    )
     if name in known:
         return known[name]
     if name in missing:
@@ -126,16 +134,16 @@ def _engine_of(text: str) -> Engine:
 
 @contextmanager
 def _ready_here(
-    file: Path, selection: Options, options: FlightOptions
-) -> Iterator[tuple[Campaign, Cleared]]:
+    file: Path, selection: ExpansionOptions, options: FlightOptions
+) -> Iterator[tuple[Campaign, ClearedCampaign]]:
     """Prepare a flight in processes of this machine.
 
     Raises BadInput where the radio of a simulation cannot carry the ground truth that it offers.
     """
     campaign = load_selected(file, selection, options)
-    require_writable(options.out, junit=options.junit)
+    require_writable_results(options.out, junit=options.junit)
     start_run_server()
-    cleared = clear(campaign, options)
+    cleared = clear_for_flight(campaign, options)
     if cleared.settings:
         settled = replace(selection, sets=(*selection.sets, *cleared.settings))
         campaign = load_selected(file, settled, options)
@@ -146,13 +154,13 @@ def _ready_here(
 @contextmanager
 def _ready_elsewhere(
     campaign: Campaign, options: FlightOptions
-) -> Iterator[tuple[Campaign, Cleared]]:
+) -> Iterator[tuple[Campaign, ClearedCampaign]]:
     """Prepare a flight by an engine of a plugin."""
     _refuse_attached(campaign, options.engine)
-    require_writable(options.out, junit=options.junit)
-    here = clear(campaign, options)
-    runs = len(planned(campaign, arm=options.arm))
-    with on_engine(campaign, options, here, runs=runs, again=False) as cleared:
+    require_writable_results(options.out, junit=options.junit)
+    here = clear_for_flight(campaign, options)
+    runs = len(runs_planned(campaign, arm=options.arm))
+    with cleared_on_engine(campaign, options, here, runs=runs, again=False) as cleared:
         yield campaign, cleared
 
 
@@ -160,7 +168,7 @@ def _refuse_attached(campaign: Campaign, engine: str) -> None:
     """Raise RefusedError for attached vehicles on another engine than that of this machine."""
     if attached := attached_vehicles(campaign):
         names = " and ".join(f"{flown.name} ({flown.attached})" for flown in attached)
-        raise RefusedError(
+        raise FlightRefusedError(
             f"--engine {engine}: {names} is attached to one machine, where consent to arm is "
             "given; fly there with --engine local",
             REFUSED,

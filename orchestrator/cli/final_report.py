@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from wil_campaign.orchestrator.cli.standard_streams import err
+from wil_campaign.orchestrator.cli.standard_streams import write_stderr
 from wil_campaign.orchestrator.report import campaign_report
 
 
@@ -17,7 +17,7 @@ def write_final_report(folder: Path) -> campaign_report.WrittenReport | None:
         why = "interrupted"
     except Exception as error:  # noqa: BLE001 - the flights are over, and their results are whole
         why = f"{type(error).__name__}: {error}"
-    err(
+    write_stderr(
         f"ERROR: {campaign_report.FILE_NAME} was not written ({why}); the results are complete "
         f"without it, and `wil-campaign report {folder}` writes it"
     )

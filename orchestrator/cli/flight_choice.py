@@ -6,9 +6,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from wil_campaign.orchestrator.cli.standard_streams import err
-from wil_campaign.orchestrator.operator.campaign_records import Place, Places, places
-from wil_campaign.orchestrator.operator.socket_client import NoAnswerError, ask
+from wil_campaign.orchestrator.cli.standard_streams import write_stderr
+from wil_campaign.orchestrator.operator.campaign_records import (
+    OperatorPlace,
+    OperatorPlaces,
+    operator_places,
+)
+from wil_campaign.orchestrator.operator.socket_client import NoAnswerError, ask_operator_socket
 from wil_campaign.safety.guard.process.runtime_folder import unsafe_folders
 
 NONE_OBEYED = 3
@@ -35,7 +39,9 @@ class TypedCommand:
         return shlex.join(("wil-campaign", *self.words, *where, *every, *self.options))
 
 
-def choose_flights(folder: Path | None, typed: TypedCommand, *, is_all: bool) -> Places | int:
+def choose_flights(
+    folder: Path | None, typed: TypedCommand, *, is_all: bool
+) -> OperatorPlaces | int:
     """Return the flights that a command is for; the exit code, after a message, without any.
 
     Several campaigns need a folder of one, or `is_all`: they are listed, each with its line.
@@ -47,60 +53,60 @@ def choose_flights(folder: Path | None, typed: TypedCommand, *, is_all: bool) ->
     if is_all or len(campaigns) == 1:
         return flying
     where = "on this machine" if folder is None else f"in {folder}"
-    err(
+    write_stderr(
         f"{len(campaigns)} campaigns are in the air {where}; nothing was sent. "
         f"To {typed.verb} all of them:\n  {typed.line(folder, is_all=True)}\nor one of them:"
     )
     with ThreadPoolExecutor(len(campaigns)) as threads:
         for found, text in zip(campaigns, threads.map(_summary, campaigns.values()), strict=True):
-            err(f"  {typed.line(found)}  # {text}")
+            write_stderr(f"  {typed.line(found)}  # {text}")
     return AMBIGUOUS
 
 
-def newcomers(folder: Path | None, known: Places) -> Places | None:
+def new_flights(folder: Path | None, known: OperatorPlaces) -> OperatorPlaces | None:
     """Return the flights of campaigns begun meanwhile; None, after a message, on an OSError."""
     flying = list_flights(folder)
     if flying is None:
         return None
     before = known.by_campaign()
-    found = Places((), ())
+    found = OperatorPlaces((), ())
     for campaign, more in flying.by_campaign().items():
         if campaign not in before:
             found |= more
     return found
 
 
-def find_campaigns(folder: Path | None) -> Places | None:
+def find_campaigns(folder: Path | None) -> OperatorPlaces | None:
     """Return the flights beneath a folder; None, after a message, when there are none."""
     flying = list_flights(folder)
     if flying is None:
         return None
     if not flying.campaigns and not flying.guards:
-        err(
+        write_stderr(
             "no campaign is in flight on this machine"
             if folder is None
             else f"no run is in flight in {folder}"
         )
         for text in unsafe_folders():
-            err(f"{text}: this folder was not searched")
+            write_stderr(f"{text}: this folder was not searched")
         return None
     return flying
 
 
-def list_flights(folder: Path | None) -> Places | None:
+def list_flights(folder: Path | None) -> OperatorPlaces | None:
     """Return the flights beneath a folder, possibly none; None, after a message, on an OSError."""
     try:
-        return places().beneath(folder)
+        return operator_places().beneath(folder)
     except OSError as error:
         where = "" if error.filename is None else f"{error.filename}: "
-        err(
+        write_stderr(
             "the records of this machine's flights cannot be read: "
             f"{where}{error.strerror or error}; check who may read this folder"
         )
         return None
 
 
-def status_line(place: Place, status: dict[str, Any]) -> str:
+def status_line(place: OperatorPlace, status: dict[str, Any]) -> str:
     """Return a campaign's or guard's status in a line."""
     if "vehicles" in status:
         phases = ", ".join(f"{name} {phase}" for name, phase in status["vehicles"].items())
@@ -125,13 +131,13 @@ def _where(run: dict[str, Any]) -> str:
     return f" on {place}" if place else ""
 
 
-def _summary(flying: Places) -> str:
+def _summary(flying: OperatorPlaces) -> str:
     """Return in words what flies of one campaign: by its programs, or by the guards left over."""
     return "; ".join(map(_place_summary, flying.campaigns or flying.guards))
 
 
-def _place_summary(place: Place) -> str:
+def _place_summary(place: OperatorPlace) -> str:
     try:
-        return status_line(place, ask(place.socket, "status", who="operator"))
+        return status_line(place, ask_operator_socket(place.socket, "status", who="operator"))
     except NoAnswerError:
         return f"{place.name}: it does not answer"

@@ -10,10 +10,10 @@ from wil_campaign.campaigns.schema import Mode
 from wil_campaign.campaigns.setup.case_setup import FLIES, Case
 from wil_campaign.campaigns.values.sensor_setups import CameraSetup, DepthSetup
 from wil_campaign.foundation.clocks.virtual_loop import Clock
-from wil_campaign.foundation.files.limited_json import loads_limited
+from wil_campaign.foundation.files.limited_json import loads_limited_json
 from wil_campaign.orchestrator.cli.text_table import count_text
-from wil_campaign.vehicles.embedded.physics.motion_kernel import estimate
-from wil_campaign.worlds.jit import is_cached
+from wil_campaign.vehicles.embedded.physics.motion_kernel import estimate_motion
+from wil_campaign.worlds.jit import is_kernel_cached
 from wil_campaign.worlds.render.shading import write_ids
 
 _GUESSED_S: dict[Clock, float] = {"virtual": 6.0, "wall": 60.0, "scaled": 60.0}
@@ -106,7 +106,7 @@ def _last_needs(folder: Path, clock: Clock) -> FlightNeeds | None:
 
 def _wall_times_s(summary: Path, clock: Clock) -> Iterator[float]:
     try:
-        document = loads_limited(summary.read_bytes())
+        document = loads_limited_json(summary.read_bytes())
     except (OSError, ValueError, RecursionError):
         return
     if not isinstance(document, dict) or document.get("clock") != clock:
@@ -148,7 +148,7 @@ NOTICE = "compiling kernels, once: about 20 s, more on a busy machine"
 
 def compilation_notice(campaign: Campaign) -> str | None:
     """Return the line about kernels that the first flight compiles; None when all are cached."""
-    return None if all(map(is_cached, _kernels(campaign))) else NOTICE
+    return None if all(map(is_kernel_cached, _kernels(campaign))) else NOTICE
 
 
 def _kernels(campaign: Campaign) -> Iterator[Callable[..., object]]:
@@ -157,7 +157,7 @@ def _kernels(campaign: Campaign) -> Iterator[Callable[..., object]]:
         vehicle for setup in campaign.setups.values() for vehicle in setup.vehicles.values()
     ]
     if any(vehicle.embedded for vehicle in vehicles):
-        yield estimate
+        yield estimate_motion
     if any(
         isinstance(sensor, CameraSetup | DepthSetup)
         for vehicle in vehicles

@@ -6,8 +6,13 @@ from pathlib import Path
 from types import TracebackType
 
 from wil_campaign.hooks import LiveViewError, live_views
-from wil_campaign.installed_plugins import absent, added, installed, load
-from wil_campaign.orchestrator.cli.plugin_options import PluginOptions, given
+from wil_campaign.installed_plugins import (
+    absent_additions,
+    installed_plugins_by_name,
+    load_plugin_object,
+    plugin_additions,
+)
+from wil_campaign.orchestrator.cli.plugin_options import PluginOptions, given_options
 
 Raised = type[BaseException] | None
 
@@ -26,13 +31,15 @@ def views_beside(
     A view that fails to close is reported by `say`: results are not lost with it. Raises
     LiveViewError, also for any other exception of a view that is opened.
     """
-    known, missing = added(live_views), absent(live_views)
+    known, missing = plugin_additions(live_views), absent_additions(live_views)
     with ExitStack() as stack:
-        for name, address in given(views).items():
+        for name, address in given_options(views).items():
             if name in missing:
                 raise AbsentViewError(missing[name])
             try:
-                view = load(known[name].beside)(address, say, folder=folder, program=program)
+                view = load_plugin_object(known[name].beside)(
+                    address, say, folder=folder, program=program
+                )
                 view.__enter__()
             except LiveViewError:
                 raise
@@ -59,7 +66,9 @@ def _closing(
 
 def _broken_text(name: str, fault: Exception) -> str:
     """Return which plugin's view cannot be opened, and why."""
-    plugins = (one for one in installed() if name in one.adds.get(live_views.__name__, ()))
+    plugins = (
+        one for one in installed_plugins_by_name() if name in one.adds.get(live_views.__name__, ())
+    )
     whose = next((f" of the plugin {one.name} ({one.origin})" for one in plugins), "")
     return (
         f"--{name}: the view{whose} cannot be opened: {type(fault).__name__}: {fault}; mend it, or "

@@ -3,7 +3,7 @@
 import re
 from collections.abc import Sequence
 
-from wil_campaign.foundation.files.problems import printable
+from wil_campaign.foundation.files.problems import printable_problem
 
 _MARKS = re.compile(r"([\\`*_{}\[\]<>|~])")
 _CALLS = re.compile(r"([@#!])(?=\w)")
@@ -13,7 +13,7 @@ _APART = "\u200b"
 
 def markdown_text(text: str) -> str:
     """Return a text as one line of Markdown that shows it, and neither formats nor calls."""
-    return _CALLS.sub(rf"\1{_APART}", _MARKS.sub(r"\\\1", printable(text)))
+    return _CALLS.sub(rf"\1{_APART}", _MARKS.sub(r"\\\1", printable_problem(text)))
 
 
 def markdown_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:

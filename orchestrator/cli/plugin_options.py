@@ -6,13 +6,13 @@ from typing import Annotated, Any, ParamSpec, Protocol, TypeVar
 
 from cyclopts import Parameter
 
-from wil_campaign.installed_plugins import Named, absent, added
+from wil_campaign.installed_plugins import NamedAddition, absent_additions, plugin_additions
 
 P = ParamSpec("P")
 T = TypeVar("T")
 
 
-class Option(Named, Protocol):
+class OptionAddition(NamedAddition, Protocol):
     """What a hook returns that adds an option."""
 
     @property
@@ -30,15 +30,15 @@ NO_OPTIONS = PluginOptions()
 
 
 def takes_options(
-    hook: Callable[[], Sequence[Option]], parameter: str, kind: Any, *, but: str = ""
+    hook: Callable[[], Sequence[OptionAddition]], parameter: str, kind: Any, *, but: str = ""
 ) -> Callable[[Callable[P, T]], Callable[P, T]]:
     """Give a parameter of a command an option for each addition by a hook. but: for all others.
 
     kind: of the values; None, or False, where an option is not given. An addition of an absent
     plugin has an option as well, by which it is refused.
     """
-    texts = {name: option.help for name, option in added(hook).items()}
-    texts |= absent(hook)
+    texts = {name: option.help for name, option in plugin_additions(hook).items()}
+    texts |= absent_additions(hook)
     default = False if kind is bool else None
     fields = [
         (name, Annotated[kind, Parameter(help=text, negative=())], default)
@@ -64,7 +64,7 @@ def takes_options(
     return give
 
 
-def given(options: PluginOptions) -> dict[str, Any]:
+def given_options(options: PluginOptions) -> dict[str, Any]:
     """Return the values of the options that a user gives, by name."""
     return {
         name: one for name, one in asdict(options).items() if one is not None and one is not False

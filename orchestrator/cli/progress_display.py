@@ -11,9 +11,9 @@ from rich.progress import Progress as Bar
 from rich.table import Table
 from rich.text import Text
 
-from wil_campaign.orchestrator.campaign.display_thread import Display, DisplayThread
+from wil_campaign.orchestrator.campaign.display_thread import DisplayThread, ProgressDisplay
 from wil_campaign.orchestrator.cli.standard_streams import ignore_broken_pipe
-from wil_campaign.orchestrator.operator.run_messages import Progress
+from wil_campaign.orchestrator.operator.run_messages import RunProgressReport
 from wil_campaign.orchestrator.run_results.run_result import RunResult
 
 VERDICT_STYLES = {
@@ -34,7 +34,7 @@ class SilentDisplay:
     def __exit__(self, *_: object) -> None:
         pass
 
-    def progress(self, progress: Progress) -> None:
+    def progress(self, progress: RunProgressReport) -> None:
         """Display no progress."""
 
     def finished(self, result: RunResult) -> None:
@@ -70,7 +70,7 @@ class TerminalDisplay(SilentDisplay):
 
     def __init__(self, *, console: Console, total: int) -> None:
         self._console = console
-        self._flying: dict[tuple[str, str, int], Progress] = {}
+        self._flying: dict[tuple[str, str, int], RunProgressReport] = {}
         self._bar = Bar(
             TextColumn("{task.description}"),
             BarColumn(),
@@ -89,7 +89,7 @@ class TerminalDisplay(SilentDisplay):
         self._flying.clear()
         self._live.stop()
 
-    def progress(self, progress: Progress) -> None:
+    def progress(self, progress: RunProgressReport) -> None:
         """Display the progress of a run in flight."""
         self._flying[progress.case, progress.mode, progress.repetition] = progress
 
@@ -110,7 +110,7 @@ class TerminalDisplay(SilentDisplay):
         return Group(table, self._bar)
 
 
-def display_of(*, json: bool, total: int) -> Display:
+def progress_display_of(*, json: bool, total: int) -> ProgressDisplay:
     """Return the progress display of a command's output. total: runs to fly."""
     if json:
         return SilentDisplay()
@@ -135,7 +135,7 @@ def plain_console(*, width: int | None = None, soft_wrap: bool = False) -> Conso
     )
 
 
-def _flying_cells(progress: Progress) -> Iterable[RenderableType]:
+def _flying_cells(progress: RunProgressReport) -> Iterable[RenderableType]:
     """Yield the table cells of a run in flight for the progress display."""
     yield f"{progress.case} {progress.mode} #{progress.repetition}"
     yield Text(progress.stage, style="blue")

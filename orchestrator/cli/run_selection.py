@@ -6,13 +6,13 @@ from typing import Annotated, Self
 
 from cyclopts import Parameter
 
-from wil_campaign.campaigns.expansion.expansion import Options
+from wil_campaign.campaigns.expansion.expansion import ExpansionOptions
 from wil_campaign.campaigns.setup.bench_file import load_benches
 
 
 @Parameter(name="*")
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Choice:
+class RunSelection:
     """The selection of runs on the command line: cases, modes, overrides.
 
     Parameters
@@ -38,12 +38,12 @@ class Choice:
     set_: Annotated[tuple[str, ...], Parameter(name="--set", negative=())] = ()
     bench_file: Annotated[tuple[Path, ...], Parameter(negative=())] = ()
 
-    def options(self, *further: str) -> Options:
+    def options(self, *further: str) -> ExpansionOptions:
         """Return the run selection as options with further KEY=VALUE after it.
 
         Raises BadInput for the bench files.
         """
-        return Options(
+        return ExpansionOptions(
             cases=self.case,
             modes=self.mode,
             repetitions=self.repetitions,
@@ -54,7 +54,7 @@ class Choice:
         )
 
     @classmethod
-    def of(cls, options: Options) -> Self:
+    def of(cls, options: ExpansionOptions) -> Self:
         """Return the selection of a campaign that was loaded by options."""
         return cls(
             case=options.cases,
@@ -66,4 +66,4 @@ class Choice:
         )
 
 
-ALL = Choice()
+ALL = RunSelection()

@@ -11,7 +11,7 @@ class StreamError(Exception):
     """Standard output failed; says why."""
 
 
-def out(text: object) -> None:
+def write_stdout(text: object) -> None:
     """Write a line to standard output. Raises StreamError; BrokenPipeError without a reader."""
     try:
         sys.stdout.write(f"{text}\n")
@@ -24,7 +24,7 @@ def out(text: object) -> None:
         raise StreamError(f"standard output: {error.strerror or error}") from error
 
 
-def err(text: object) -> None:
+def write_stderr(text: object) -> None:
     """Write a line to standard error; a closed stream is ignored."""
     with suppress(OSError):
         sys.stderr.write(f"{text}\n")

@@ -2,12 +2,12 @@
 
 from collections.abc import Sequence
 
-from wil_campaign.foundation.files.problems import printable
+from wil_campaign.foundation.files.problems import printable_problem
 
 
-def table(header: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
+def table_lines(header: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
     """Return a text table's lines, columns as wide as their widest cell; numbers to the right."""
-    cells = [[printable(str(cell)) for cell in row] for row in rows]
+    cells = [[printable_problem(str(cell)) for cell in row] for row in rows]
     widths = [max(map(len, column)) for column in zip(header, *cells, strict=True)]
     right = [
         bool(rows) and all(isinstance(row[i], int) for row in rows) for i in range(len(widths))

@@ -12,7 +12,7 @@ from rich.console import RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from wil_campaign.campaigns.values.acceptance import Requirement, Standing
+from wil_campaign.campaigns.values.acceptance import PassRequirement, RequirementStanding
 from wil_campaign.orchestrator.cli.external_lines import external_lines
 from wil_campaign.orchestrator.cli.progress_display import VERDICT_STYLES
 from wil_campaign.orchestrator.cli.text_table import count_text
@@ -23,14 +23,14 @@ from wil_campaign.orchestrator.run_results.acceptance_texts import (
 )
 from wil_campaign.orchestrator.run_results.campaign_results import Summary
 from wil_campaign.orchestrator.run_results.caveats import (
-    caveats,
-    in_short,
+    campaign_caveats,
+    caveats_in_short,
     retried_texts,
     synthesised_texts,
 )
 from wil_campaign.orchestrator.run_results.exit_codes import standings_of
 from wil_campaign.orchestrator.run_results.run_result import Percentiles, RunResult
-from wil_campaign.safety.model.verdict import source_of
+from wil_campaign.safety.model.verdict import event_source_of
 from wil_campaign.safety.oracles.registry import oracle_kinds
 
 _COLUMNS = (
@@ -60,7 +60,7 @@ _MOST_RETRIED = 3
 """How many runs that took several attempts the last line names; the lines above have all."""
 
 
-def verdict_table(summary: Summary, requirements: Sequence[Requirement]) -> Table:
+def verdict_table(summary: Summary, requirements: Sequence[PassRequirement]) -> Table:
     """Return the table of verdicts by case and mode; 80 columns wide for short names."""
     title = f"{summary.campaign}: {count_text(len(summary.runs), 'run')}"
     if summary.controls:
@@ -93,9 +93,9 @@ def _control_cells(run: RunResult) -> Sequence[RenderableType]:
     return (passed, Text(text, style="green" if met else "bold red"), *rest)
 
 
-def conclusions(
+def conclusion_lines(
     summary: Summary,
-    requirements: Sequence[Requirement] = (),
+    requirements: Sequence[PassRequirement] = (),
     *,
     announced: AbstractSet[str] = frozenset(),
 ) -> list[Text]:
@@ -114,7 +114,7 @@ def conclusions(
 
 def closing_lines(
     summary: Summary,
-    requirements: Sequence[Requirement] = (),
+    requirements: Sequence[PassRequirement] = (),
     *,
     changed_since_flight: Sequence[str] = (),
 ) -> list[Text]:
@@ -123,7 +123,7 @@ def closing_lines(
     changed_since_flight: options and files that differ from those of the flight.
     """
     outside = [Text(line, style="dim") for line in external_lines(summary.runs)]
-    lines = [*caveats(summary.runs), *synthesised_texts(summary), *summary.caveats]
+    lines = [*campaign_caveats(summary.runs), *synthesised_texts(summary), *summary.caveats]
     if summary.not_flown:
         lines.append(f"never flown: {', '.join(summary.not_flown)}")
     caveat_lines = [Text(line, style="yellow") for line in lines]
@@ -137,7 +137,9 @@ def closing_lines(
     ]
 
 
-def _cells(runs: Sequence[RunResult], standing: Standing | None) -> Sequence[RenderableType]:
+def _cells(
+    runs: Sequence[RunResult], standing: RequirementStanding | None
+) -> Sequence[RenderableType]:
     passed = sum(run.verdict == "PASS" for run in runs)
     return (
         f"{passed}/{len(runs)}",
@@ -149,7 +151,7 @@ def _cells(runs: Sequence[RunResult], standing: Standing | None) -> Sequence[Ren
     )
 
 
-def _verdict(runs: Sequence[RunResult], standing: Standing | None) -> Text:
+def _verdict(runs: Sequence[RunResult], standing: RequirementStanding | None) -> Text:
     """Return a row's verdict, with the required share where it is not all, or the tested rates.
 
     A PASS for which runs were flown again has a star, and how many attempts one took at most; the
@@ -279,7 +281,7 @@ def next_steps(summary: Summary, *, file: Path, folder: Path, has_report: bool) 
 def _hangs_on_limits(run: RunResult) -> bool:
     """Return whether a run FAILed by nothing but limits, so that it passes by others."""
     failed = [one for one in run.oracles if one.required and one.verdict == "FAIL"]
-    by_oracle = {source_of(one.name, one.vehicle) for one in failed}
+    by_oracle = {event_source_of(one.name, one.vehicle) for one in failed}
     if run.verdict != "FAIL" or run.decided_by not in by_oracle:
         return False
     kinds = oracle_kinds()
@@ -306,7 +308,7 @@ def _conclusion(summary: Summary, changed_since_flight: Sequence[str]) -> list[T
         more = f"; and {len(again) - _MOST_RETRIED} more" if len(again) > _MOST_RETRIED else ""
         named = "; ".join(again[:_MOST_RETRIED])
         parts.append(f"{len(again)} not at the first attempt ({named}{more})")
-    parts += in_short(summary)
+    parts += caveats_in_short(summary)
     style = "yellow" if parts else style
     if summary.not_flown:
         parts.append(f"never flown: {len(summary.not_flown)} of {_planned_count(summary)}")

@@ -12,7 +12,7 @@ from typing import Self
 from wil_campaign.campaigns.values.external_setups import MocapSetup, SourceSetup
 from wil_campaign.campaigns.values.sensor_setups import CameraSetup
 from wil_campaign.hooks import image_sources, run_observers
-from wil_campaign.installed_plugins import added, load
+from wil_campaign.installed_plugins import load_plugin_object, plugin_additions
 from wil_campaign.orchestrator.external.external_readings import ReadingSources
 from wil_campaign.orchestrator.external.external_sources import ExternalSource
 from wil_campaign.orchestrator.external.motion_captures import MotionCaptures
@@ -283,7 +283,9 @@ class ExternalIo:
 
 def _observers(setup: RunSetup, events: Mapping[str, float]) -> Iterator[Observer]:
     for name, given in setup.case.observers.items():
-        observer: Observer = load(added(run_observers)[name].observe)(setup, given, events)
+        observer: Observer = load_plugin_object(plugin_additions(run_observers)[name].observe)(
+            setup, given, events
+        )
         yield observer
 
 
@@ -298,7 +300,9 @@ class ExternalCamera(ExternalSource):
         self._setup = source
 
     def _make_source(self) -> CameraSource:
-        made: CameraSource = load(added(image_sources)[self._setup.kind].open)(
+        made: CameraSource = load_plugin_object(
+            plugin_additions(image_sources)[self._setup.kind].open
+        )(
             self._setup,
             intrinsics=self._camera.intrinsics,
             side=self._side,

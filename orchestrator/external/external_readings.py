@@ -6,16 +6,16 @@ from contextlib import AsyncExitStack
 from typing import Any
 
 from wil_campaign.campaigns.values.external_setups import ReadingSourceSetup
-from wil_campaign.campaigns.values.sensor_setups import DepthSetup, OtherSetup, SourcedSetup
+from wil_campaign.campaigns.values.sensor_setups import DepthSetup, OtherSensorSetup, SourcedSetup
 from wil_campaign.hooks import sources
-from wil_campaign.installed_plugins import added, load
+from wil_campaign.installed_plugins import load_plugin_object, plugin_additions
 from wil_campaign.orchestrator.external.external_sources import ExternalSource
 from wil_campaign.orchestrator.run_results.result_parts import SourceResult
 from wil_campaign.orchestrator.state.run_setup import RunSetup
 from wil_campaign.orchestrator.state.vehicle_context import VehicleContext
 from wil_campaign.vehicles.driver.session.repeater import Repeater
 from wil_campaign.vehicles.readings import Reading, Source
-from wil_campaign.vehicles.readings.checks import rest_fault
+from wil_campaign.vehicles.readings.checks import reading_rest_fault
 from wil_campaign.vehicles.sources.camera_source import ReadingSource, SourceError
 from wil_campaign.vehicles.sources.readings.live_readings import LiveReadings
 from wil_campaign.vehicles.sources.readings.mavlink_messages import MavlinkSensor, mavlink_reading
@@ -80,7 +80,7 @@ class ExternalReadings(ExternalSource):
         pose = self._context.poses.at(loop.time()).pose
         if frame is None or pose is None:
             return
-        fault = rest_fault(self._live.newest, pose=pose, frame=frame)
+        fault = reading_rest_fault(self._live.newest, pose=pose, frame=frame)
         if fault is not None:
             raise SourceError(f"{self._live.name}: {fault}")
 
@@ -93,7 +93,7 @@ class ExternalReadings(ExternalSource):
 
     def _made_by_plugin(self) -> Any:
         sensor, source = self._setup, self._from_setup
-        return load(added(sources)[source.kind].open)(
+        return load_plugin_object(plugin_additions(sources)[source.kind].open)(
             SourceRequest(
                 address=source.address,
                 sensor=source.name,
@@ -128,7 +128,7 @@ class ExternalReadings(ExternalSource):
         return MavlinkSensor(
             message=source.message,
             rate_hz=sensor.rate_hz,
-            options=sensor.options if isinstance(sensor, OtherSetup) else None,
+            options=sensor.options if isinstance(sensor, OtherSensorSetup) else None,
             mount=self._mount,
             sensor_id=source.sensor_id,
             undulation_m=source.undulation_m,

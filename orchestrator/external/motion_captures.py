@@ -8,7 +8,7 @@ from typing import Protocol, Self
 
 from wil_campaign.campaigns.values.external_setups import MocapSetup
 from wil_campaign.hooks import motion_captures
-from wil_campaign.installed_plugins import added, load
+from wil_campaign.installed_plugins import load_plugin_object, plugin_additions
 from wil_campaign.orchestrator.run_results.result_parts import CaptureResult
 from wil_campaign.vehicles.readings import PoseReading, Source
 from wil_campaign.vehicles.sources.camera_source import SourceError
@@ -151,7 +151,9 @@ class MotionCaptures:
 
     def _add_input(self, group: Mapping[Source, MocapSetup]) -> None:
         kind = next(iter(group.values())).kind
-        made: CaptureInput = load(added(motion_captures)[kind].open)(group, self._deliver)
+        made: CaptureInput = load_plugin_object(plugin_additions(motion_captures)[kind].open)(
+            group, self._deliver
+        )
         for vehicle, mocap in group.items():
             self._feeds[vehicle] = _Feed(mocap, made.capture)
         self._inputs.append(made)

@@ -5,7 +5,7 @@ from typing import Protocol, Self
 
 from wil_campaign.campaigns.values.external_setups import SourceSetup
 from wil_campaign.hooks import image_sources
-from wil_campaign.installed_plugins import added, load
+from wil_campaign.installed_plugins import load_plugin_object, plugin_additions
 from wil_campaign.orchestrator.run_results.result_parts import SourceResult
 from wil_campaign.vehicles.cameras.rendered_cameras import ImageSource
 from wil_campaign.vehicles.readings import Source
@@ -62,7 +62,7 @@ def requested_images(
 
     scene: what is to be shown. world, case: their names. events: of the world, by time.
     """
-    images: RequestedImages = load(added(image_sources)[source.kind].open)(
+    images: RequestedImages = load_plugin_object(plugin_additions(image_sources)[source.kind].open)(
         source, vehicle=vehicle, sensor=sensor, scene=scene, world=world, case=case, events=events
     )
     return images

@@ -8,7 +8,7 @@ from typing import Any, Self
 
 import msgspec
 
-from wil_campaign.foundation.processes.codec import Codec, Message
+from wil_campaign.foundation.processes.codec import MessageCodec, ProcessMessage
 from wil_campaign.safety.model.oracle_results import OracleResult
 from wil_campaign.worlds.frames import Quat, Vec3
 from wil_campaign.worlds.scene.track import RunHistory
@@ -91,7 +91,7 @@ class MixingView(msgspec.Struct, frozen=True):
     missed: int
 
 
-class ObjectPose(Message, frozen=True):
+class ObjectPose(ProcessMessage, frozen=True):
     """Pose of a world object that a vehicle flies: NED metres, body to NED."""
 
     position_ned_m: Vec3
@@ -108,7 +108,7 @@ def flown_poses(history: RunHistory, t_s: float) -> dict[str, ObjectPose]:
     }
 
 
-class RunView(Message, frozen=True):
+class RunView(ProcessMessage, frozen=True):
     """The state of a run as the live feed shows it.
 
     run: its folder; name: case, mode and repetition. entered_s: when each stage was reached;
@@ -134,7 +134,7 @@ class RunView(Message, frozen=True):
     flown: dict[str, ObjectPose] = msgspec.field(default_factory=dict)
 
 
-class EventView(Message, frozen=True):
+class EventView(ProcessMessage, frozen=True):
     """An event of a run in the live feed. number: counts up by one, so that gaps are visible.
 
     kind: stage, decisive, contact, flag, guard, operator or vehicle; word: the subtype.
@@ -151,7 +151,7 @@ class EventView(Message, frozen=True):
     severity: int | None = None
 
 
-class FactsView(Message, frozen=True):
+class FactsView(ProcessMessage, frozen=True):
     """The facts of a run in the live feed, as run.mcap has them: world, campaign, case, mode.
 
     epoch_ns is among them: UTC of the run clock's zero, nanoseconds since 1970; and clock: virtual,
@@ -162,7 +162,7 @@ class FactsView(Message, frozen=True):
     facts: dict[str, str]
 
 
-class ImageView(Message, frozen=True):
+class ImageView(ProcessMessage, frozen=True):
     """An image of a run in the live feed. name: real, twin or mixed; age_s: when it was sent.
 
     source, sensor, arrived_s: of the reading that it shows. alone: why a mixture lacks the twin;
@@ -185,4 +185,4 @@ class ImageView(Message, frozen=True):
 
 
 FeedMessage = RunView | EventView | FactsView | ImageView
-feed_codec: Codec[FeedMessage] = Codec(FeedMessage)
+feed_codec: MessageCodec[FeedMessage] = MessageCodec(FeedMessage)

@@ -11,7 +11,7 @@ from pathlib import Path
 from wil_campaign.safety.guard.process.runtime_folder import (
     open_runtime_folder,
     runtime_folders,
-    sweep,
+    sweep_runtime_folder,
 )
 
 _SOCKET = re.compile(r"console-[0-9]{1,10}\.sock")
@@ -31,7 +31,7 @@ def find_console_sockets() -> frozenset[Path]:
 def feed_receiver() -> Iterator[socket.socket]:
     """Open the socket at which this process receives live feeds. Raises OSError."""
     folder = open_runtime_folder().path
-    sweep(folder)
+    sweep_runtime_folder(folder)
     path = folder / f"console-{os.getpid()}.sock"
     path.unlink(missing_ok=True)
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as end:

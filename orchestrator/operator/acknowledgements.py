@@ -12,7 +12,7 @@ WITHIN_S = 5.0
 
 
 @dataclass(frozen=True, slots=True)
-class Acknowledged:
+class AcknowledgedRuns:
     """Runs that have acknowledged a command, and runs that have not yet, each with its place."""
 
     command: OperatorCommand
@@ -53,14 +53,14 @@ class Acknowledgements:
         self._waiting.pop(run, None)
 
     @property
-    def newest(self) -> Acknowledged | None:
+    def newest(self) -> AcknowledgedRuns | None:
         """Return the acknowledgements of the newest command; None before the first."""
         if self._command is None:
             return None
-        return Acknowledged(self._command, _place_texts(self._by), _place_texts(self._waiting))
+        return AcknowledgedRuns(self._command, _place_texts(self._by), _place_texts(self._waiting))
 
 
-def runs_text(places: Mapping[str, str]) -> str:
+def runs_with_places_text(places: Mapping[str, str]) -> str:
     """Return the names of runs with their places, for a message."""
     return ", ".join(f"{run} on {place}" if place else run for run, place in places.items())
 

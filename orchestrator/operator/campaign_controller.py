@@ -8,12 +8,17 @@ from pathlib import Path
 from threading import Thread
 from typing import Any, Protocol
 
-from wil_campaign.foundation.tasks import Contained
-from wil_campaign.orchestrator.operator.acknowledgements import Acknowledged, Acknowledgements
-from wil_campaign.orchestrator.operator.campaign_records import Place
+from wil_campaign.foundation.tasks import SuppressedErrors
+from wil_campaign.orchestrator.operator.acknowledgements import AcknowledgedRuns, Acknowledgements
+from wil_campaign.orchestrator.operator.campaign_records import OperatorPlace
 from wil_campaign.orchestrator.operator.operator_log import OperatorLog
-from wil_campaign.orchestrator.operator.run_messages import FlightPlace, Happening, News, Progress
-from wil_campaign.orchestrator.operator.socket_client import tell
+from wil_campaign.orchestrator.operator.run_messages import (
+    FlightPlace,
+    News,
+    RunEventReport,
+    RunProgressReport,
+)
+from wil_campaign.orchestrator.operator.socket_client import tell_operator_socket
 from wil_campaign.orchestrator.run_results.run_result import RunResult, Stop
 from wil_campaign.safety.guard.core.operator_command import OperatorCommand
 from wil_campaign.safety.guard.operator.operator_lines import RefusedLineError
@@ -21,7 +26,7 @@ from wil_campaign.safety.guard.operator.operator_lines import RefusedLineError
 _MOST_ANSWERS = 20
 
 
-class Fleet(Protocol):
+class WorkerFleet(Protocol):
     """The workers that fly a campaign, as the controller commands them (protocol)."""
 
     def abort(self, command: OperatorCommand) -> None:
@@ -37,7 +42,7 @@ class Fleet(Protocol):
         """Start runs again."""
 
 
-class Follower(Protocol):
+class ProgressFollower(Protocol):
     """Receives the progress of a campaign from its controller (protocol)."""
 
     def news(self, news: News) -> None:
@@ -64,24 +69,24 @@ class CampaignController:
         campaign: str,
         folder: Path,
         total: int,
-        fleet: Fleet,
+        fleet: WorkerFleet,
         say: Callable[[str], None],
     ) -> None:
         self.campaign = campaign
         self.folder = folder
         self._total = total
         self._fleet = fleet
-        self.guards: Callable[[], Sequence[Place]] = tuple
+        self.guards: Callable[[], Sequence[OperatorPlace]] = tuple
         self._say = say
-        self._followers: list[Follower] = []
-        self._flying: dict[str, Progress] = {}
+        self._followers: list[ProgressFollower] = []
+        self._flying: dict[str, RunProgressReport] = {}
         self._verdicts: dict[str, str] = {}
         self._places: dict[str, FlightPlace] = {}
         self._acknowledgements = Acknowledgements()
         self._numbers = count(1)
         self._partial_aborts: list[OperatorCommand] = []
         """Aborts of one node or bench."""
-        self._answers: deque[Happening] = deque(maxlen=_MOST_ANSWERS)
+        self._answers: deque[RunEventReport] = deque(maxlen=_MOST_ANSWERS)
         self.log = OperatorLog(path=folder / "operator.jsonl")
         self.held = False
         self._holding: set[str] = set()
@@ -106,11 +111,11 @@ class CampaignController:
         return "held" if self.held else "flying"
 
     @property
-    def acknowledged(self) -> Acknowledged | None:
+    def acknowledged(self) -> AcknowledgedRuns | None:
         """Return the acknowledgements of the newest command; None before the first."""
         return self._acknowledgements.newest
 
-    def follow(self, follower: Follower) -> None:
+    def follow(self, follower: ProgressFollower) -> None:
         """Register a follower of the campaign."""
         self._followers.append(follower)
 
@@ -152,17 +157,17 @@ class CampaignController:
 
     def news(self, news: News) -> None:
         """Handle news of a run, and pass it to followers."""
-        if isinstance(news, Progress):
+        if isinstance(news, RunProgressReport):
             self._flying[news.run] = news
         elif news.kind == "answer":
             self._receive_answer(news)
         elif news.kind == "acknowledged":
             self._acknowledgements.acknowledge(news.run, news.command_id)
         for follower in self._followers:
-            with Contained("news for operators"):
+            with SuppressedErrors("news for operators"):
                 follower.news(news)
 
-    def _receive_answer(self, news: Happening) -> None:
+    def _receive_answer(self, news: RunEventReport) -> None:
         """Record a run's delayed reply to an operator's command."""
         command = OperatorCommand("geofence", news.who)
         self.log.write(command, ok=news.word == "ok", text=f"{news.run}: {news.text}")
@@ -185,7 +190,7 @@ class CampaignController:
             self.stopped = "command"
             self._fleet.abort(OperatorCommand("abort", f"{name} ({run.reason})"))
         for follower in self._followers:
-            with Contained("a verdict for operators"):
+            with SuppressedErrors("a verdict for operators"):
                 follower.finished(run)
         self._send_status()
 
@@ -238,7 +243,7 @@ class CampaignController:
 
     def _send_status(self) -> None:
         for follower in self._followers:
-            with Contained("the status for operators"):
+            with SuppressedErrors("the status for operators"):
                 follower.status()
 
     def _execute(self, command: OperatorCommand, stop: Stop) -> str:
@@ -280,7 +285,7 @@ class CampaignController:
 
     def _tell_guards(self, who: str) -> None:
         for guard in self.guards():
-            tell(guard.socket, "abort", who=who)
+            tell_operator_socket(guard.socket, "abort", who=who)
 
     def _abort_place(self, command: OperatorCommand) -> str:
         """Land the runs on one node or bench, and start no other run there."""
@@ -359,7 +364,7 @@ def _runs(count: int) -> str:
     return f"{count} run" if count == 1 else f"{count} runs"
 
 
-def _plain(progress: Progress) -> dict[str, Any]:
+def _plain(progress: RunProgressReport) -> dict[str, Any]:
     return {
         "stage": progress.stage,
         "t_s": round(progress.t_s, 3),

@@ -10,16 +10,16 @@ from typing import Self
 import msgspec
 
 from wil_campaign.foundation.processes.identity import ProcessId
-from wil_campaign.safety.guard.process.orphaned_processes import running
+from wil_campaign.safety.guard.process.orphaned_processes import running_guards
 from wil_campaign.safety.guard.process.runtime_folder import (
     open_runtime_folder,
     runtime_folders,
-    sweep,
+    sweep_runtime_folder,
 )
 
 
 @dataclass(frozen=True, slots=True)
-class Place:
+class OperatorPlace:
     """A socket that takes operator commands. folder: of the results; name: for messages.
 
     process: the one that listens there, to be signalled when the socket does not answer.
@@ -38,13 +38,13 @@ class Place:
 
 
 @dataclass(frozen=True, slots=True)
-class Places:
+class OperatorPlaces:
     """The records of campaigns in flight on this machine, and of the guards of their runs."""
 
-    campaigns: tuple[Place, ...]
-    guards: tuple[Place, ...]
+    campaigns: tuple[OperatorPlace, ...]
+    guards: tuple[OperatorPlace, ...]
 
-    def beneath(self, folder: Path | None) -> "Places":
+    def beneath(self, folder: Path | None) -> "OperatorPlaces":
         """Return the records of one results folder, a campaign's or a run's; all for None."""
         if folder is None:
             return self
@@ -58,13 +58,13 @@ class Places:
             if related_folder(guard.folder, wanted)
             or (guard.campaign is not None and guard.campaign.is_relative_to(wanted))
         ]
-        return Places(tuple(related), tuple(guards))
+        return OperatorPlaces(tuple(related), tuple(guards))
 
-    def guards_of(self, campaign: Place) -> tuple[Place, ...]:
+    def guards_of(self, campaign: OperatorPlace) -> tuple[OperatorPlace, ...]:
         """Return the guards' records of a campaign's runs."""
         return tuple(guard for guard in self.guards if guard.is_beneath(campaign.folder))
 
-    def by_campaign(self) -> dict[Path, "Places"]:
+    def by_campaign(self) -> dict[Path, "OperatorPlaces"]:
         """Return the records by the results folder of their campaign.
 
         Programs and guards of one folder are one campaign, also where the program has ended.
@@ -72,23 +72,23 @@ class Places:
         folders = dict.fromkeys(campaign.folder for campaign in self.campaigns)
         owners = {guard: _campaign_folder(guard, folders) for guard in self.guards}
         return {
-            folder: Places(
+            folder: OperatorPlaces(
                 tuple(campaign for campaign in self.campaigns if campaign.folder == folder),
                 tuple(guard for guard in self.guards if owners[guard] == folder),
             )
             for folder in folders | dict.fromkeys(owners.values())
         }
 
-    def __or__(self, other: "Places") -> "Places":
+    def __or__(self, other: "OperatorPlaces") -> "OperatorPlaces":
         """Return the records of both."""
-        return Places(self.campaigns + other.campaigns, self.guards + other.guards)
+        return OperatorPlaces(self.campaigns + other.campaigns, self.guards + other.guards)
 
 
-def places() -> Places:
+def operator_places() -> OperatorPlaces:
     """Return the records of this user's flights on this machine. Raises OSError."""
     folders = runtime_folders()
     guards = [
-        Place(
+        OperatorPlace(
             guard_record.run,
             Path(guard_record.folder),
             Path(guard_record.socket),
@@ -96,10 +96,10 @@ def places() -> Places:
             Path(guard_record.campaign) if guard_record.campaign else None,
         )
         for folder in folders
-        for guard_record in running(folder)
+        for guard_record in running_guards(folder)
     ]
     campaigns = [campaign for folder in folders for campaign in _campaigns(folder)]
-    return Places(tuple(campaigns), tuple(guards))
+    return OperatorPlaces(tuple(campaigns), tuple(guards))
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,7 +121,7 @@ class CampaignRecord:
     def __init__(self, *, name: str, folder: Path) -> None:
         opened = open_runtime_folder()
         runtime = opened.path
-        sweep(runtime)
+        sweep_runtime_folder(runtime)
         self.passed_over = tuple(f"{text}; {runtime} is used" for text in opened.passed_over)
         self.socket = runtime / f"campaign-{os.getpid()}.sock"
         self._path = runtime / f"campaign-{os.getpid()}.json"
@@ -145,18 +145,20 @@ def related_folder(one: Path, other: Path) -> bool:
     return one.is_relative_to(other) or other.is_relative_to(one)
 
 
-def _campaign_folder(guard: Place, campaigns: Iterable[Path]) -> Path:
+def _campaign_folder(guard: OperatorPlace, campaigns: Iterable[Path]) -> Path:
     """Return the results folder of a guard's campaign; its run's where it is of none."""
     holding = [campaign for campaign in campaigns if guard.is_beneath(campaign)]
     return max(holding, key=lambda one: len(one.parts), default=guard.campaign or guard.folder)
 
 
-def _campaigns(runtime: Path) -> Iterator[Place]:
+def _campaigns(runtime: Path) -> Iterator[OperatorPlace]:
     for path in sorted(runtime.glob("campaign-*.json")):
         with contextlib.suppress(OSError, msgspec.MsgspecError, UnicodeDecodeError):
             entry = msgspec.json.decode(path.read_bytes(), type=_Entry)
             if entry.process.lives:
-                yield Place(entry.name, Path(entry.folder), Path(entry.socket), entry.process)
+                yield OperatorPlace(
+                    entry.name, Path(entry.folder), Path(entry.socket), entry.process
+                )
             else:
                 path.unlink()
                 Path(entry.socket).unlink(missing_ok=True)

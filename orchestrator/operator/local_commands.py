@@ -7,8 +7,16 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
-from wil_campaign.orchestrator.operator.campaign_records import Place, Places, places
-from wil_campaign.orchestrator.operator.socket_client import NoAnswerError, ask, tell
+from wil_campaign.orchestrator.operator.campaign_records import (
+    OperatorPlace,
+    OperatorPlaces,
+    operator_places,
+)
+from wil_campaign.orchestrator.operator.socket_client import (
+    NoAnswerError,
+    ask_operator_socket,
+    tell_operator_socket,
+)
 from wil_campaign.safety.guard.core.operator_command import OperatorKind
 
 
@@ -21,21 +29,21 @@ class CommandReply:
 
     ok: bool
     text: str
-    place: Place | None = None
+    place: OperatorPlace | None = None
     answered: bool = False
 
 
 def tell_guards(folder: Path, who: str) -> None:
     """Make the guards of one results folder land their vehicles; does not wait for replies."""
     try:
-        guards = places().beneath(folder).guards
+        guards = operator_places().beneath(folder).guards
     except OSError:
         return  # the run gets the abort by its pipe as well
     for guard in guards:
-        tell(guard.socket, "abort", who=who)
+        tell_operator_socket(guard.socket, "abort", who=who)
 
 
-def send_command(flying: Places, kind: OperatorKind, who: str) -> Iterator[CommandReply]:
+def send_command(flying: OperatorPlaces, kind: OperatorKind, who: str) -> Iterator[CommandReply]:
     """Send abort, hold or resume to campaigns and guards; yield the replies as they come.
 
     An abort goes to all guards and campaigns at the same time; a process whose socket does not
@@ -45,14 +53,18 @@ def send_command(flying: Places, kind: OperatorKind, who: str) -> Iterator[Comma
     return _abort(flying, who) if kind == "abort" else _to_campaigns(flying, kind, who)
 
 
-def abort_place(flying: Places, who: str, *, node: str, bench: str) -> Iterator[CommandReply]:
+def abort_place(
+    flying: OperatorPlaces, who: str, *, node: str, bench: str
+) -> Iterator[CommandReply]:
     """Make campaigns land their runs on one node or bench of a cluster; yield the replies."""
     names = {name: text for name, text in (("node", node), ("bench", bench)) if text}
     for campaign in flying.campaigns:
         yield _send_to_socket(campaign, "abort", who, **names)
 
 
-def unconfirmed(flying: Places, replies: Iterable[CommandReply]) -> tuple[Place, ...]:
+def unconfirmed_places(
+    flying: OperatorPlaces, replies: Iterable[CommandReply]
+) -> tuple[OperatorPlace, ...]:
     """Return the campaigns and guards among flights that have not confirmed a command.
 
     A campaign's program confirms it, or the guard of each of its runs; a program that has ended
@@ -72,7 +84,7 @@ def unconfirmed(flying: Places, replies: Iterable[CommandReply]) -> tuple[Place,
 
 
 def unconfirmed_texts(
-    missing: Iterable[Place], flying: Places, replies: Iterable[CommandReply]
+    missing: Iterable[OperatorPlace], flying: OperatorPlaces, replies: Iterable[CommandReply]
 ) -> Iterator[str]:
     """Yield in words what has not confirmed a command; a refusal, with its reason, is a reply."""
     refusing = {reply.place for reply in replies if reply.answered}
@@ -90,16 +102,18 @@ def unconfirmed_texts(
         )
 
 
-def asked_of(flying: Places, replies: Iterable[CommandReply]) -> Places:
+def commanded_campaigns(flying: OperatorPlaces, replies: Iterable[CommandReply]) -> OperatorPlaces:
     """Return the campaigns that a command for one node or bench concerns, by their replies.
 
     A campaign that refuses it has no run there; one that does not answer may have one.
     """
     refusing = {reply.place for reply in replies if reply.answered and not reply.ok}
-    return Places(tuple(campaign for campaign in flying.campaigns if campaign not in refusing), ())
+    return OperatorPlaces(
+        tuple(campaign for campaign in flying.campaigns if campaign not in refusing), ()
+    )
 
 
-def _abort(flying: Places, who: str) -> Iterator[CommandReply]:
+def _abort(flying: OperatorPlaces, who: str) -> Iterator[CommandReply]:
     """Send abort to all sockets at once, so that none delays another; signal those that fail."""
     everyone = (*flying.guards, *flying.campaigns)
     with ThreadPoolExecutor(max(1, len(everyone))) as threads:
@@ -110,7 +124,7 @@ def _abort(flying: Places, who: str) -> Iterator[CommandReply]:
             yield from _signal(place)
 
 
-def _signal(place: Place) -> Iterator[CommandReply]:
+def _signal(place: OperatorPlace) -> Iterator[CommandReply]:
     """Send SIGTERM to a campaign or a guard; both land on it."""
     process = place.process
     if process is None or not process.lives:
@@ -132,13 +146,13 @@ def _signal(place: Place) -> Iterator[CommandReply]:
     )
 
 
-def _to_campaigns(flying: Places, kind: OperatorKind, who: str) -> Iterator[CommandReply]:
+def _to_campaigns(flying: OperatorPlaces, kind: OperatorKind, who: str) -> Iterator[CommandReply]:
     """Send an operator's command to campaigns; to guards only where no campaign is left."""
     orphans = list(flying.guards)
     for campaign in flying.campaigns:
         own = flying.guards_of(campaign)
         try:
-            answer = ask(campaign.socket, kind, who=who)
+            answer = ask_operator_socket(campaign.socket, kind, who=who)
         except NoAnswerError as error:
             yield _no_answer(campaign, error)
             continue
@@ -148,18 +162,20 @@ def _to_campaigns(flying: Places, kind: OperatorKind, who: str) -> Iterator[Comm
         yield _send_to_socket(guard, kind, who)
 
 
-def _send_to_socket(place: Place, kind: OperatorKind, who: str, **more: str) -> CommandReply:
+def _send_to_socket(
+    place: OperatorPlace, kind: OperatorKind, who: str, **more: str
+) -> CommandReply:
     """Send an operator's command to a socket; return its reply."""
     try:
-        return _reply(place, ask(place.socket, kind, who=who, **more))
+        return _reply(place, ask_operator_socket(place.socket, kind, who=who, **more))
     except NoAnswerError as error:
         return _no_answer(place, error)
 
 
-def _no_answer(place: Place, error: NoAnswerError) -> CommandReply:
+def _no_answer(place: OperatorPlace, error: NoAnswerError) -> CommandReply:
     return CommandReply(ok=False, text=f"{place.name}: {error}", place=place)
 
 
-def _reply(place: Place, answer: dict[str, object]) -> CommandReply:
+def _reply(place: OperatorPlace, answer: dict[str, object]) -> CommandReply:
     text = f"{place.name}: {answer.get('text', '')}"
     return CommandReply(ok=answer.get("ok") is True, text=text, place=place, answered=True)

@@ -5,9 +5,13 @@ from contextlib import AbstractAsyncContextManager, AsyncExitStack, asynccontext
 from types import MappingProxyType
 
 from wil_campaign.hooks import operator_channels
-from wil_campaign.installed_plugins import added, load
+from wil_campaign.installed_plugins import load_plugin_object, plugin_additions
 from wil_campaign.orchestrator.operator.campaign_controller import CampaignController
-from wil_campaign.orchestrator.operator.campaign_records import CampaignRecord, Place, places
+from wil_campaign.orchestrator.operator.campaign_records import (
+    CampaignRecord,
+    OperatorPlace,
+    operator_places,
+)
 from wil_campaign.orchestrator.operator.errors import OperatingError
 from wil_campaign.safety.guard.operator.operator_socket import (
     POINTER,
@@ -35,7 +39,7 @@ async def open_operator_channels(
         except OSError as error:
             raise OperatingError(f"the operator socket cannot be opened: {error}") from error
         for name, setup in setups.items():
-            connect: Connect = load(added(operator_channels)[name].open)
+            connect: Connect = load_plugin_object(plugin_additions(operator_channels)[name].open)
             await stack.enter_async_context(connect(controller, setup))
         yield
 
@@ -64,9 +68,9 @@ async def _serve_socket(stack: AsyncExitStack, controller: CampaignController) -
     )
 
 
-def _guards(controller: CampaignController) -> Sequence[Place]:
+def _guards(controller: CampaignController) -> Sequence[OperatorPlace]:
     try:
-        return places().beneath(controller.folder).guards
+        return operator_places().beneath(controller.folder).guards
     except OSError:
         # The runs get the abort by their pipes as well.
         return ()

@@ -28,7 +28,7 @@ class VehicleProgress:
 
 
 @dataclass(frozen=True, slots=True)
-class Progress:
+class RunProgressReport:
     """The progress of one run; values that do not exist yet are None.
 
     verdict_so_far: the verdict that an event has decided. A PASS is none before the run is judged.
@@ -53,7 +53,7 @@ class Progress:
 
 
 @dataclass(frozen=True, slots=True)
-class Happening:
+class RunEventReport:
     """An event of a run in progress, reported at once.
 
     kind: a stage was entered (word: which); a vehicle touched something (word: the oracle); the
@@ -72,7 +72,7 @@ class Happening:
     who: str = ""
 
 
-News = Progress | Happening
+News = RunProgressReport | RunEventReport
 Report = Callable[[News], None]
 
 
@@ -90,7 +90,7 @@ class ProgressLimiter:
 
     def passes(self, message: object) -> bool:
         """Return whether a message is to be passed on now."""
-        if not isinstance(message, Progress):
+        if not isinstance(message, RunProgressReport):
             return True
         now_s = time.monotonic()
         if now_s < self._next_s:
@@ -99,7 +99,7 @@ class ProgressLimiter:
         return True
 
 
-class Inbox(Protocol):
+class OperatorInbox(Protocol):
     """The inbox of operator commands (protocol): polled by a run, never blocking."""
 
     def poll(self) -> OperatorCommand | None:

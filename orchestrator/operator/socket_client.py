@@ -9,7 +9,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from wil_campaign.foundation.processes.linux import UnsupportedSystemError, peer_uid
+from wil_campaign.foundation.processes.linux import UnsupportedSystemError, socket_peer_uid
 
 _ANSWER_S = 2.0
 _LONGEST_ANSWER_BYTES = 1 << 20
@@ -21,7 +21,7 @@ class NoAnswerError(Exception):
     """An operator socket that is missing or does not reply."""
 
 
-def ask(path: Path, command: str, *, who: str, **more: str) -> dict[str, Any]:
+def ask_operator_socket(path: Path, command: str, *, who: str, **more: str) -> dict[str, Any]:
     """Return an operator socket's reply to a command. Raises NoAnswerError."""
     try:
         with socket.socket(socket.AF_UNIX) as end:
@@ -36,7 +36,7 @@ def ask(path: Path, command: str, *, who: str, **more: str) -> dict[str, Any]:
     return answer
 
 
-def tell(path: Path, command: str, *, who: str) -> None:
+def tell_operator_socket(path: Path, command: str, *, who: str) -> None:
     """Send a command to an operator socket without waiting; a missing one is ignored."""
     with contextlib.suppress(OSError), socket.socket(socket.AF_UNIX) as end:
         _connect(end, path, within_s=_TELL_S)
@@ -61,7 +61,7 @@ def _connect(end: socket.socket, path: Path, *, within_s: float) -> None:
                 raise
             time.sleep(_RETRY_S)
     with contextlib.suppress(UnsupportedSystemError):
-        if peer_uid(end) not in {os.getuid(), 0}:
+        if socket_peer_uid(end) not in {os.getuid(), 0}:
             raise OSError("it belongs to another user")
 
 

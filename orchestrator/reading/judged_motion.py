@@ -6,7 +6,7 @@ from pathlib import Path
 from wil_campaign.safety.evaluation.judge_log import (
     ActorPose,
     JudgeLogError,
-    WorldEvent,
+    LoggedWorldEvent,
     read_judge_log,
 )
 from wil_campaign.safety.fence.geofence import Fence
@@ -43,7 +43,7 @@ def read_judged_motion(path: Path) -> JudgedMotion:
                         found.velocities.setdefault(vehicle, []).append(velocity)
                     case StageSample(t_s, stage, None):
                         found.stages.setdefault(stage, t_s)
-                    case WorldEvent(t_s, name):
+                    case LoggedWorldEvent(t_s, name):
                         found.world_events.setdefault(name, t_s)
                     case ActorPose(t_s, name, pose, velocity):
                         found.world_events.add_pose(name, t_s, pose, velocity)

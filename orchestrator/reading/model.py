@@ -6,7 +6,7 @@ Times are on the run clock, seconds; positions NED metres in the world's local f
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from wil_campaign.campaigns.values.acceptance import Requirement
+from wil_campaign.campaigns.values.acceptance import PassRequirement
 from wil_campaign.foundation.files.documents import Data
 from wil_campaign.orchestrator.run_results.campaign_results import Summary
 from wil_campaign.orchestrator.run_results.run_result import RunResult
@@ -14,7 +14,7 @@ from wil_campaign.worlds.frames import Vec3
 
 
 @dataclass(frozen=True, slots=True)
-class Commanded:
+class CommandedState:
     """State of a vehicle and setpoint of its autonomy at one time; a row of trajectory.csv.
 
     position_ned_m: the estimate. setpoint_kind: "position" (m), "velocity" (m/s), or "".
@@ -59,7 +59,7 @@ class CampaignDocuments:
     entries: tuple[RunEntry, ...]
     summary: Summary | None = None
     manifest: Mapping[str, Data] = field(default_factory=dict)
-    requirements: tuple[Requirement, ...] = ()
+    requirements: tuple[PassRequirement, ...] = ()
     problems: tuple[str, ...] = ()
 
     @property

@@ -11,8 +11,12 @@ from pydantic import TypeAdapter, ValidationError
 
 from wil_campaign.campaigns.schema.campaign import UntilDecidedPart
 from wil_campaign.campaigns.statistics.sequential_test import SequentialTest
-from wil_campaign.campaigns.values.acceptance import Requirement, Share, parse_share
-from wil_campaign.foundation.files.limited_json import JsonLimitError, check_values, read_limited
+from wil_campaign.campaigns.values.acceptance import PassRequirement, PassShare, parse_pass_share
+from wil_campaign.foundation.files.limited_json import (
+    JsonLimitError,
+    check_json_values,
+    read_limited_bytes,
+)
 from wil_campaign.orchestrator.campaign.resuming.cluster_ledger import open_orders
 from wil_campaign.orchestrator.reading.errors import ResultsFolderError
 from wil_campaign.orchestrator.reading.model import CampaignDocuments, RunEntry
@@ -38,7 +42,7 @@ class UnreadableError(Exception):
     """A document cannot be used; the message says which and why."""
 
 
-def read_campaign(folder: Path) -> CampaignDocuments:
+def read_campaign_documents(folder: Path) -> CampaignDocuments:
     """Return the documents of a results folder. Raises ResultsFolderError."""
     _require_campaign(folder)
     problems: list[str] = []
@@ -175,7 +179,9 @@ def _manifest_problems(manifest: dict[str, Any]) -> Iterator[str]:
         )
 
 
-def _read_requirements(manifest: dict[str, Any], problems: list[str]) -> tuple[Requirement, ...]:
+def _read_requirements(
+    manifest: dict[str, Any], problems: list[str]
+) -> tuple[PassRequirement, ...]:
     try:
         return flown_requirements(manifest)
     except RequirementsError as error:
@@ -185,8 +191,8 @@ def _read_requirements(manifest: dict[str, Any], problems: list[str]) -> tuple[R
 
 def _read_document(path: Path, parse: Callable[[str], T], problems: list[str]) -> T | None:
     try:
-        data = read_data(path)
-        check_values(data)
+        data = read_limited_data(path)
+        check_json_values(data)
         return parse(data.decode("utf-8", errors="replace"))
     except UnreadableError as error:
         problems.append(str(error))
@@ -200,12 +206,12 @@ def _read_document(path: Path, parse: Callable[[str], T], problems: list[str]) -
     return None
 
 
-def read_data(path: Path) -> bytes:
+def read_limited_data(path: Path) -> bytes:
     """Return the bytes of a file, up to a limit. Raises UnreadableError."""
     try:
         if path.exists() and not path.is_file():
             raise UnreadableError(f"{path.name} is not a file")
-        return read_limited(path)
+        return read_limited_bytes(path)
     except JsonLimitError as error:
         raise UnreadableError(f"{path.name} cannot be read: {error}") from error
     except FileNotFoundError as error:
@@ -250,11 +256,11 @@ class RequirementsError(Exception):
 
 
 @cache
-def _model() -> TypeAdapter[tuple[Requirement, ...]]:
-    return TypeAdapter(tuple[Requirement, ...])
+def _model() -> TypeAdapter[tuple[PassRequirement, ...]]:
+    return TypeAdapter(tuple[PassRequirement, ...])
 
 
-def flown_requirements(manifest: Mapping[str, Any]) -> tuple[Requirement, ...]:
+def flown_requirements(manifest: Mapping[str, Any]) -> tuple[PassRequirement, ...]:
     """Return what a campaign required of its cases and modes. Raises RequirementsError.
 
     For a folder of an earlier version, which does not record it, that is what its campaign file
@@ -270,7 +276,7 @@ def flown_requirements(manifest: Mapping[str, Any]) -> tuple[Requirement, ...]:
         raise RequirementsError(f"{where}: {first['msg']}") from error
 
 
-def _requirements_of_document(manifest: Mapping[str, Any]) -> Iterator[Requirement]:
+def _requirements_of_document(manifest: Mapping[str, Any]) -> Iterator[PassRequirement]:
     """Yield what the document of a manifest says; none of it where it is damaged."""
     document = manifest.get("document")
     if not isinstance(document, dict):
@@ -281,12 +287,12 @@ def _requirements_of_document(manifest: Mapping[str, Any]) -> Iterator[Requireme
         if test is None:
             return
         for case, mode in _places(manifest):
-            yield Requirement(case, mode, Share(test.most, test.most), test)
+            yield PassRequirement(case, mode, PassShare(test.most, test.most), test)
     elif isinstance(repetitions, int) and isinstance(document.get("accept"), dict):
         for case, shares in document["accept"].items():
             for mode, text in shares.items() if isinstance(shares, dict) else ():
                 if (share := _share(text)) is not None:
-                    yield Requirement(case, mode, share.scaled(repetitions))
+                    yield PassRequirement(case, mode, share.scaled(repetitions))
 
 
 def _test(repetitions: Mapping[str, Any]) -> SequentialTest | None:
@@ -296,9 +302,9 @@ def _test(repetitions: Mapping[str, Any]) -> SequentialTest | None:
         return None
 
 
-def _share(text: object) -> Share | None:
+def _share(text: object) -> PassShare | None:
     try:
-        return parse_share(text) if isinstance(text, str) else None
+        return parse_pass_share(text) if isinstance(text, str) else None
     except ValueError:
         return None
 

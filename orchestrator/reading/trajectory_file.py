@@ -9,15 +9,15 @@ from itertools import islice
 from pathlib import Path
 
 from wil_campaign.foundation.files.limits import MAX_TRAJECTORY_ROWS
-from wil_campaign.orchestrator.reading.model import Commanded
-from wil_campaign.orchestrator.reading.results_folder import UnreadableError, read_data
+from wil_campaign.orchestrator.reading.model import CommandedState
+from wil_campaign.orchestrator.reading.results_folder import UnreadableError, read_limited_data
 from wil_campaign.worlds.frames import Vec3
 
 _NEEDED = frozenset({"t_s", "vehicle", "stage"})
 
 
 @dataclass(frozen=True, slots=True)
-class Row:
+class TrajectoryFileRow:
     """A row of trajectory.csv; its cells are decoded on demand, because few rows are shown."""
 
     t_s: float
@@ -25,10 +25,10 @@ class Row:
     columns: Mapping[str, int]
     line: Sequence[str]
 
-    def decoded(self) -> Commanded:
+    def decoded(self) -> CommandedState:
         """Return the row with all cells decoded."""
         cells = _Cells(self.columns, self.line)
-        return Commanded(
+        return CommandedState(
             t_s=self.t_s,
             vehicle=self.vehicle,
             stage=cells.get("stage") or "",
@@ -53,14 +53,14 @@ class Row:
 class TrajectoryRows:
     """The rows in the order of the file."""
 
-    rows: tuple[Row, ...] = ()
+    rows: tuple[TrajectoryFileRow, ...] = ()
     problems: tuple[str, ...] = ()
 
 
 def read_trajectory(path: Path) -> TrajectoryRows:
     """Return the readable rows of a trajectory."""
     try:
-        data = read_data(path).replace(b"\0", b"")
+        data = read_limited_data(path).replace(b"\0", b"")
     except UnreadableError as error:
         return TrajectoryRows(problems=(str(error),))
     whole = data if data.endswith(b"\n") else data[: data.rfind(b"\n") + 1]
@@ -96,12 +96,16 @@ class _Cells:
         return self._line[at] if at < len(self._line) else None
 
 
-def _row(columns: Mapping[str, int], line: list[str]) -> Row | None:
+def _row(columns: Mapping[str, int], line: list[str]) -> TrajectoryFileRow | None:
     try:
         t_s, vehicle = float(line[columns["t_s"]]), line[columns["vehicle"]]
     except (ValueError, IndexError):
         return None
-    return Row(t_s, vehicle, columns, tuple(line)) if vehicle and math.isfinite(t_s) else None
+    return (
+        TrajectoryFileRow(t_s, vehicle, columns, tuple(line))
+        if vehicle and math.isfinite(t_s)
+        else None
+    )
 
 
 def _number(cells: _Cells, name: str) -> float | None:

@@ -19,19 +19,23 @@ from wil_campaign.foundation.files.documents import BadInput
 from wil_campaign.foundation.files.limits import MAX_IMAGE_PIXELS
 from wil_campaign.orchestrator.installation import flown_program
 from wil_campaign.orchestrator.recording.errors import RecordingError
-from wil_campaign.orchestrator.recording.mcap.mcap_bodies import digest_of, jpeg_of
+from wil_campaign.orchestrator.recording.mcap.mcap_bodies import image_digest_of, jpeg_of_image
 from wil_campaign.orchestrator.recording.recording_facts import quality_in, scene_digest, world_in
 from wil_campaign.vehicles.cameras.camera_effects import NOISE_ROLL_PX
-from wil_campaign.vehicles.perception.depth_colors import far_of
+from wil_campaign.vehicles.perception.depth_colors import common_far_m
 from wil_campaign.vehicles.readings import Drawing
-from wil_campaign.vehicles.readings.image_messages import camera_of, drawing_of, image_of
-from wil_campaign.vehicles.readings.messages import Json, bytes_of
+from wil_campaign.vehicles.readings.image_messages import (
+    camera_of_message,
+    drawing_of_message,
+    image_of_message,
+)
+from wil_campaign.vehicles.readings.messages import Json, bytes_from_base64
 from wil_campaign.vehicles.readings.traits import Parts
 from wil_campaign.worlds.camera import Intrinsics
 from wil_campaign.worlds.world_file.world_schema import Mode, Which
 
 if TYPE_CHECKING:  # readers of a recording load the renderer where an image is drawn again
-    from wil_campaign.vehicles.sensors.drawn_again import DrawnAgain
+    from wil_campaign.vehicles.sensors.drawn_again import ImageRedrawer
 
 _WORLDS: Mapping[str, Which] = {"real": "W", "twin": "Wv"}
 """The world that a vehicle's images are of."""
@@ -49,7 +53,7 @@ class NotDrawnAgainError(RecordingError):
 class _Drawer(NamedTuple):
     """What draws the images of one scene. digest: of its shapes."""
 
-    again: "DrawnAgain"
+    again: "ImageRedrawer"
     digest: str
 
 
@@ -75,7 +79,7 @@ class RecordedImages:
         Raises NotDrawnAgainError; KeyError, ValueError or TypeError for a foreign document.
         """
         drawn = self.drawn(document)
-        return image_of(document) if drawn is None else drawn["image"]
+        return image_of_message(document) if drawn is None else drawn["image"]
 
     def far_m(self, messages: Iterable[Message]) -> float | None:
         """Return the end of one scale for the depths of messages, metres; None without depths.
@@ -89,7 +93,7 @@ class RecordedImages:
         try:
             document = json.loads(message.data)
             is_depth = document["wil"]["type"] == "depth"
-            return far_of([self.image(document)]) if is_depth else None
+            return common_far_m([self.image(document)]) if is_depth else None
         except (NotDrawnAgainError, KeyError, ValueError, TypeError, AttributeError, cv2.error):
             return None
 
@@ -104,8 +108,8 @@ class RecordedImages:
         """
         drawn = self.drawn(document)
         if drawn is None:
-            return document["format"], bytes_of(document["data"])
-        return "jpeg", jpeg_of(drawn["image"], quality_in(self._facts))
+            return document["format"], bytes_from_base64(document["data"])
+        return "jpeg", jpeg_of_image(drawn["image"], quality_in(self._facts))
 
     def drawn(self, document: Json) -> Parts | None:
         """Return an image that is not in the recording, by part; None for one that is.
@@ -166,10 +170,10 @@ class RecordedImages:
         return f"it would not be the same image; {why}"
 
 
-def _draw(again: "DrawnAgain", document: Json) -> Parts | None:
+def _draw(again: "ImageRedrawer", document: Json) -> Parts | None:
     """Return an image that is drawn again, by part; None where it is another than in flight."""
     wanted, digests = document["wil"]["drawing"], document["wil"]["drawing"]["crc32"]
-    drawing, (intrinsics, _) = drawing_of(wanted), camera_of(document)
+    drawing, (intrinsics, _) = drawing_of_message(wanted), camera_of_message(document)
     _require_drawable(drawing, intrinsics)
     try:
         image = again.image(
@@ -179,7 +183,7 @@ def _draw(again: "DrawnAgain", document: Json) -> Parts | None:
         return None
     found = {"image": image.image_bgr, "depth": image.depth_m, "ids": image.object_ids}
     parts = {part: array for part, array in found.items() if array is not None}
-    if {part: digest_of(array) for part, array in parts.items()} != digests:
+    if {part: image_digest_of(array) for part, array in parts.items()} != digests:
         return None
     for array in parts.values():
         array.setflags(write=False)
@@ -215,12 +219,12 @@ def _drawer(world: str, file: str, mode: Mode, which: Which, flown: str | None) 
     Meshes are in files, which change between runs: only the shapes of the flight are kept, and not
     those that a file had when it was read first. Raises BadInput, _OtherShapesError.
     """
-    from wil_campaign.vehicles.sensors.drawn_again import DrawnAgain  # noqa: PLC0415 - kernels
+    from wil_campaign.vehicles.sensors.drawn_again import ImageRedrawer  # noqa: PLC0415 - kernels
 
     found = world_in({"world": world, "world_file": file})
     assert found is not None  # noqa: S101 - the fact is given
     scene = found.scene(mode, which)
-    drawer = _Drawer(DrawnAgain(scene), scene_digest(scene))
+    drawer = _Drawer(ImageRedrawer(scene), scene_digest(scene))
     if flown is not None and drawer.digest != flown:
         raise _OtherShapesError(drawer)
     return drawer

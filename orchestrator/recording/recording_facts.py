@@ -7,7 +7,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from wil_campaign.foundation.files.documents import Data, parse
+from wil_campaign.foundation.files.documents import Data, parse_document
 from wil_campaign.orchestrator.installation import flown_program
 from wil_campaign.orchestrator.recording.mcap.mcap_settings import ImageSettings
 from wil_campaign.recipes.language.recipe_document import load_recipe
@@ -23,7 +23,7 @@ if TYPE_CHECKING:  # readers of a recording do not load the code that flies
     from wil_campaign.orchestrator.state.run_setup import RunSetup
 
 
-def facts_of(setup: "RunSetup") -> dict[str, str]:
+def facts_of_run(setup: "RunSetup") -> dict[str, str]:
     """Return a run's facts for its recording: its name, files as flown, ids of its objects.
 
     Files are recorded with the overrides of the case and of the command line.
@@ -90,7 +90,7 @@ def recipe_in(facts: Mapping[str, str], *, loads_code: bool) -> Recipe | None:
         return None
     file = facts.get("recipe_file", "recipe.yaml")
     name = f"{file} (as recorded)"
-    document = parse(_as_yaml(text), name=name, path=Path(file))
+    document = parse_document(_as_yaml(text), name=name, path=Path(file))
     return load_recipe(document, loads_code=loads_code)
 
 
@@ -100,7 +100,9 @@ def world_in(facts: Mapping[str, str]) -> World | None:
     if text is None:
         return None
     file = facts.get("world_file", "world.yaml")
-    return World.parse(parse(_as_yaml(text), name=f"{file} (as recorded)", path=Path(file)))
+    return World.parse(
+        parse_document(_as_yaml(text), name=f"{file} (as recorded)", path=Path(file))
+    )
 
 
 _PAIR = re.compile(r"(?<!\\)((?:\\\\)*)\\u(d[89ab][0-9a-f]{2})\\u(d[c-f][0-9a-f]{2})")

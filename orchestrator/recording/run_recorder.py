@@ -150,7 +150,7 @@ class RunRecorder:
         shown = self._snapshot or self._last
         if shown is None:
             return
-        if not cv2.imwrite(str(self._folder / "mixed.png"), side_by_side(shown), _SMALL_PNG):
+        if not cv2.imwrite(str(self._folder / "mixed.png"), images_side_by_side(shown), _SMALL_PNG):
             self._break("mixed.png cannot be written")
 
     def _guard_write(self, write: Callable[..., None], *args: Any, **details: Any) -> None:
@@ -317,7 +317,7 @@ def _row(context: VehicleContext, stage: str, now_s: float) -> TrajectoryRow:
     )
 
 
-def side_by_side(shown: PreviewImages) -> "np.ndarray[tuple[int, ...], np.dtype[np.uint8]]":
+def images_side_by_side(shown: PreviewImages) -> "np.ndarray[tuple[int, ...], np.dtype[np.uint8]]":
     """Return real, twin and mixed image side by side, each with its name."""
     panels = [("real", shown.real), ("twin", shown.twin), ("mixed", shown.perceived)]
     drawn = []

@@ -8,10 +8,10 @@ import cv2
 from mcap.records import Channel, Message, Metadata
 from numpy.typing import NDArray
 
-from wil_campaign.foundation.files.limited_json import loads_limited
+from wil_campaign.foundation.files.limited_json import loads_limited_json
 from wil_campaign.orchestrator.recording.errors import RecordingError
 from wil_campaign.orchestrator.recording.mcap.mcap_chunks import RecordStream
-from wil_campaign.orchestrator.recording.mcap.mcap_decode import is_reading, reading_topic
+from wil_campaign.orchestrator.recording.mcap.mcap_decode import is_reading_channel, reading_topic
 from wil_campaign.orchestrator.recording.mcap.mcap_encode import LOG, PERCEIVED
 from wil_campaign.orchestrator.recording.recorded_images import RecordedImages
 
@@ -67,11 +67,11 @@ def _perceived_topic(recording: Path) -> str | None:
         elif isinstance(record, Message) and record.channel_id not in others:
             channel = channels[record.channel_id]
             if channel.topic == LOG.topic:
-                event = loads_limited(record.data)
+                event = loads_limited_json(record.data)
                 named = event["message"] if event["name"] == PERCEIVED else named
             else:
                 others.add(record.channel_id)  # the first message of a topic tells its type
-                if is_reading(channel) and _is_of_camera(record):
+                if is_reading_channel(channel) and _is_of_camera(record):
                     sources[reading_topic(channel)] = channel.metadata["source"]
         if named in sources:
             return named
@@ -81,7 +81,7 @@ def _perceived_topic(recording: Path) -> str | None:
 
 
 def _is_of_camera(message: Message) -> bool:
-    return bool(loads_limited(message.data)["wil"]["type"] == "camera")
+    return bool(loads_limited_json(message.data)["wil"]["type"] == "camera")
 
 
 def _images(recording: Path, topic: str) -> Iterator[tuple[float, NDArray[Any]]]:
@@ -91,8 +91,12 @@ def _images(recording: Path, topic: str) -> Iterator[tuple[float, NDArray[Any]]]
     for record in RecordStream(recording):
         if isinstance(record, Metadata) and record.name == "wil.recording":
             images = RecordedImages(record.metadata)
-        elif isinstance(record, Channel) and is_reading(record) and reading_topic(record) == topic:
+        elif (
+            isinstance(record, Channel)
+            and is_reading_channel(record)
+            and reading_topic(record) == topic
+        ):
             channels.add(record.id)
         elif isinstance(record, Message) and record.channel_id in channels:
-            document = loads_limited(record.data)
+            document = loads_limited_json(record.data)
             yield float(document["wil"]["t_s"]), images.image(document)

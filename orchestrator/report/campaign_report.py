@@ -11,25 +11,25 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from wil_campaign import hooks
-from wil_campaign.foundation.files.document_writer import write_whole
+from wil_campaign.foundation.files.document_writer import write_atomically
 from wil_campaign.foundation.processes.linux import usable_cores
 from wil_campaign.hooks import ReportSection, RunSection, Section
-from wil_campaign.installed_plugins import added, load, needed_by
+from wil_campaign.installed_plugins import load_plugin_object, needed_plugin_text, plugin_additions
 from wil_campaign.orchestrator.campaign.workers.run_server import (
     end_with_program,
     running_context,
 )
 from wil_campaign.orchestrator.reading.model import CampaignDocuments, RunEntry
-from wil_campaign.orchestrator.reading.results_folder import read_campaign
+from wil_campaign.orchestrator.reading.results_folder import read_campaign_documents
 from wil_campaign.orchestrator.recording.timestamps import utc_text
 from wil_campaign.orchestrator.report.model import RunReport
 from wil_campaign.orchestrator.report.reading.run_reader import read_run
 from wil_campaign.orchestrator.report.reading.sight_decoding import ImageSize
-from wil_campaign.orchestrator.report.rendering.overview import stand_in
+from wil_campaign.orchestrator.report.rendering.overview import stand_in_notice
 from wil_campaign.orchestrator.report.rendering.page import (
     RunPage,
-    anchors,
-    decides,
+    decides_verdict,
+    page_anchors,
     render_page,
     render_run,
     went_wrong,
@@ -81,9 +81,9 @@ def write_report(
     What is unreadable is left out, and listed in the page and in the returned problems. Raises
     ResultsFolderError without a campaign in the folder; OSError when the page cannot be written.
     """
-    campaign = read_campaign(folder)
+    campaign = read_campaign_documents(folder)
     size = ImageSize.for_runs(len(campaign.entries))
-    names = anchors(entry.name for entry in campaign.entries)
+    names = page_anchors(entry.name for entry in campaign.entries)
     embedded = set(_runs_with_video(folder, campaign.entries))
     bad = {entry.name for entry in campaign.entries if went_wrong(entry.result)}
     large = bad if len(bad) <= _FEW else set()
@@ -94,17 +94,17 @@ def write_report(
             anchor,
             size.for_failure() if entry.name in large else size,
             entry.name in embedded,
-            stand_in(campaign),
+            stand_in_notice(campaign),
         )
         for entry, anchor in zip(campaign.entries, names, strict=True)
     ]
     pages, sections = _pages_and_sections(orders, folder, campaign, workers)
     path = folder / FILE_NAME if out is None else out
     html = [section.html for section in sections]
-    write_whole(path, render_page(campaign, html, pages, made_utc=utc_text(time.time())))
+    write_atomically(path, render_page(campaign, html, pages, made_utc=utc_text(time.time())))
     if out is None:
         for name, text in (file for section in sections for file in section.files.items()):
-            write_whole(folder / name, text)
+            write_atomically(folder / name, text)
     problems = [f"{page.name}: {text}" for page in pages for text in page.problems]
     problems += [text for section in sections for text in section.problems]
     texts = tuple(section.text for section in sections if section.text)
@@ -114,7 +114,7 @@ def write_report(
 def _runs_with_video(folder: Path, entries: Iterable[RunEntry]) -> Iterator[str]:
     """Yield the failed runs whose videos fit into the page; runs that decide come first."""
     room = _VIDEO_BYTES
-    for entry in sorted(entries, key=lambda one: not decides(one.result)):
+    for entry in sorted(entries, key=lambda one: not decides_verdict(one.result)):
         with suppress(OSError):
             if went_wrong(entry.result):
                 size_bytes = (folder / entry.name / "mixed.mp4").stat().st_size
@@ -127,7 +127,7 @@ def _pages_and_sections(
     orders: Sequence[_Order], folder: Path, documents: CampaignDocuments, most: int | None
 ) -> tuple[list[RunPage], list[Section]]:
     """Return the runs of the page, and what plugins add to it."""
-    wanted = tuple(added(hooks.report_sections).values())
+    wanted = tuple(plugin_additions(hooks.report_sections).values())
     workers, server = min(most or usable_cores(), len(orders)), running_context()
     if len(orders) > (_ALONE if server is None else _ALONE_BESIDE_SERVER) and workers > 1:
         # Spawned, not forked from here: earlier flights may have left threads.
@@ -153,9 +153,9 @@ def _section(
 ) -> Section:
     """Return what a plugin adds about a campaign or about a run."""
     try:
-        found: Section = load(wanted.section)(folder, what)
+        found: Section = load_plugin_object(wanted.section)(folder, what)
     except Exception as error:  # noqa: BLE001 - a plugin may raise anything
-        text = needed_by("it", error) or f"{type(error).__name__}: {error}"
+        text = needed_plugin_text("it", error) or f"{type(error).__name__}: {error}"
         why = f"the section {wanted.name} is left out: {text}"
         return Section(problems=(why,))
     return found
@@ -185,7 +185,7 @@ def _read_and_render(order: _Order) -> RunPage:
         with suppress(OSError):
             data = (order.folder / run.name / run.video).read_bytes()
             video = f"data:video/mp4;base64,{base64.b64encode(data).decode('ascii')}"
-    wanted = added(hooks.run_sections).values()
+    wanted = plugin_additions(hooks.run_sections).values()
     sections = [_section(run_section, order.folder, run) for run_section in wanted]
     run = replace(run, problems=(*run.problems, *(text for s in sections for text in s.problems)))
     return render_run(

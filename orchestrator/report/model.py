@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from wil_campaign.orchestrator.reading.model import Commanded
+from wil_campaign.orchestrator.reading.model import CommandedState
 from wil_campaign.orchestrator.run_results.run_result import RunResult
 from wil_campaign.safety.fence.geofence import Fence
 from wil_campaign.worlds.camera import Intrinsics
@@ -32,7 +32,7 @@ class LogEvent:
 
 
 @dataclass(frozen=True, slots=True)
-class Track:
+class VehicleTrack:
     """The path of a vehicle at even times: from begin_s, every step_s.
 
     source: the origin of the poses, as text.
@@ -58,7 +58,7 @@ class Track:
 
 
 @dataclass(frozen=True, slots=True)
-class Curve:
+class PlotCurve:
     """One line of a plot. subject: whose it is, "real", "twin" or "mixed".
 
     stretches: its unbroken parts in the order of time; in between there are no values.
@@ -94,7 +94,7 @@ class Plot:
 
     title: str
     unit: str
-    curves: tuple[Curve, ...]
+    curves: tuple[PlotCurve, ...]
     limits: tuple[PlotLimit, ...] = ()
     note: str = ""
     judged: str = ""
@@ -114,7 +114,7 @@ class Closeup:
 
 
 @dataclass(frozen=True, slots=True)
-class Outline:
+class ObjectOutline:
     """An object of the world, seen from above (east, north) and from the side (along, up); metres.
 
     is_virtual: it is in Wv and not in W. route_*: its path, where it moves. depth_m: how far it
@@ -148,14 +148,14 @@ class DrawnWorld:
     fences: by vehicle, at the moment. fence_note: when they were changed in flight, as text.
     """
 
-    outlines: tuple[Outline, ...] = ()
+    outlines: tuple[ObjectOutline, ...] = ()
     fences: Mapping[str, Fence] = field(default_factory=dict)
     fence_note: str = ""
     side_axis: str = "north"
 
 
 @dataclass(frozen=True, slots=True)
-class Frame:
+class PageImage:
     """An image for the page. webp: base64. t_s: exposure; delivered_s: delivery to the autonomy.
 
     view: the camera; None where it was not recorded. far_m: where its colours are those of depths,
@@ -185,7 +185,7 @@ class CameraView:
 
 
 @dataclass(frozen=True, slots=True)
-class Mark:
+class ObjectMark:
     """The place of an object in an image, by the recorded world and poses; pixels.
 
     box_px: left, top, right, bottom of its visible part; None where it is out of view. outline_px:
@@ -200,7 +200,7 @@ class Mark:
 
 
 @dataclass(frozen=True, slots=True)
-class Sketched:
+class SketchedReading:
     """A reading that is no image, and is drawn as its type does. document: its recorded message."""
 
     source: str
@@ -210,7 +210,7 @@ class Sketched:
 
 
 @dataclass(frozen=True, slots=True)
-class Sight:
+class PerceivedSight:
     """The newest reading of the autonomy at a time, and the readings it was mixed from (beside).
 
     figures: of the mixture: skew, latency, registration error, what was left out; as texts.
@@ -218,15 +218,15 @@ class Sight:
     """
 
     wanted_s: float
-    perceived: Frame | Sketched
-    beside: tuple[Frame | Sketched, ...] = ()
+    perceived: PageImage | SketchedReading
+    beside: tuple[PageImage | SketchedReading, ...] = ()
     figures: tuple[tuple[str, str], ...] = ()
     sensor: str = ""
-    marks: tuple[Mark, ...] = ()
+    marks: tuple[ObjectMark, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
-class Cause:
+class VerdictCause:
     """Why a run is not a PASS. facts: measured, limit, by how much, when, where.
 
     headline: what the vehicle did, as a person would say it; empty where only `sentence` serves.
@@ -245,7 +245,7 @@ class Cause:
 
 
 @dataclass(frozen=True, slots=True)
-class Margin:
+class CheckMargin:
     """A required check that held; texts as shown. at_s: when it was tightest, or None."""
 
     name: str
@@ -256,15 +256,15 @@ class Margin:
 
 
 @dataclass(frozen=True, slots=True)
-class Success:
+class RunSuccess:
     """Why a run passed. margins: of its required checks that measured something."""
 
     sentence: str
-    margins: tuple[Margin, ...]
+    margins: tuple[CheckMargin, ...]
 
 
 @dataclass(frozen=True, slots=True)
-class Moment:
+class ReportMoment:
     """The time that a run's page shows, and why."""
 
     t_s: float
@@ -295,21 +295,21 @@ class RunReport:
     rep: str
     result: RunResult | None
     problems: tuple[str, ...] = ()
-    cause: Cause | None = None
-    success: Success | None = None
+    cause: VerdictCause | None = None
+    success: RunSuccess | None = None
     notes: tuple[str, ...] = ()
-    moment: Moment | None = None
+    moment: ReportMoment | None = None
     at_moment: tuple[VehicleAtMoment, ...] = ()
     goal_s: float | None = None
     span_s: Point = (0.0, 0.0)
     stages: tuple[tuple[str, float], ...] = ()
-    tracks: tuple[Track, ...] = ()
-    commands: tuple[Commanded, ...] = ()
+    tracks: tuple[VehicleTrack, ...] = ()
+    commands: tuple[CommandedState, ...] = ()
     world: DrawnWorld = field(default_factory=DrawnWorld)
     closeup: Closeup | None = None
-    sight: Sight | None = None
+    sight: PerceivedSight | None = None
     images_end_s: float | None = None
-    strip: tuple[Sight, ...] = ()
+    strip: tuple[PerceivedSight, ...] = ()
     plots: tuple[Plot, ...] = ()
     events: tuple[LogEvent, ...] = ()
     preflight: tuple[LogEvent, ...] = ()

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from wil_campaign.hooks import report_images
-from wil_campaign.installed_plugins import absent, added, load
+from wil_campaign.installed_plugins import absent_additions, load_plugin_object, plugin_additions
 from wil_campaign.orchestrator.reading.errors import ResultsFolderError
-from wil_campaign.orchestrator.reading.results_folder import read_campaign
+from wil_campaign.orchestrator.reading.results_folder import read_campaign_documents
 from wil_campaign.orchestrator.recording.errors import RecordingError
 from wil_campaign.orchestrator.recording.run_video import make_video
 from wil_campaign.orchestrator.report.campaign_report import write_report
@@ -28,7 +28,7 @@ class Report:
     pictures: tuple[Path, ...] = ()
 
 
-def write_ordered(
+def write_ordered_report(
     folder: str | Path,
     *,
     out: str | Path | None = None,
@@ -62,7 +62,7 @@ def _draw_images(
     without: gets which cannot be drawn of the recording, and why: the report is written all the
     same.
     """
-    known, missing = added(report_images), absent(report_images)
+    known, missing = plugin_additions(report_images), absent_additions(report_images)
     if run and not wanted:
         options = " or ".join(f"--{name}" for name in (*known, *missing))
         raise ResultsFolderError(f"--run {run} needs {options}")
@@ -72,7 +72,7 @@ def _draw_images(
     shown: list[Path] = []
     for name in wanted:
         try:
-            shown.append(load(known[name].write)(folder, run))
+            shown.append(load_plugin_object(known[name].write)(folder, run))
         except RecordingError as error:
             without.append(f"no --{name}: {error}")
     return tuple(shown)
@@ -85,7 +85,7 @@ def _make_videos(folder: Path, wanted: Sequence[str]) -> list[str]:
     """
     if not wanted:
         return []
-    names = [entry.name for entry in read_campaign(folder).entries]
+    names = [entry.name for entry in read_campaign_documents(folder).entries]
     if unknown := sorted({*wanted} - {*names, _ALL}):
         raise ResultsFolderError(
             f"--video {unknown[0]}: no run of {folder}; there are {', '.join(names[:_SHOWN])}"

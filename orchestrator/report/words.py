@@ -71,7 +71,7 @@ def short_time(t_s: float | None, goal_s: float | None) -> str:
     return f"{t_s:.2f} s" if goal_s is None else f"{t_s - goal_s:+.2f} s"
 
 
-def runs_text(count: int) -> str:
+def run_count_text(count: int) -> str:
     """Return a number of runs."""
     return f"{count} run" if count == 1 else f"{count} runs"
 

@@ -3,9 +3,9 @@
 from collections.abc import Iterable, Sequence
 from typing import Literal
 
-from wil_campaign.campaigns.values.acceptance import Requirement, Standing
+from wil_campaign.campaigns.values.acceptance import PassRequirement, RequirementStanding
 from wil_campaign.orchestrator.run_results.campaign_results import Summary
-from wil_campaign.orchestrator.run_results.exit_codes import shortfalls
+from wil_campaign.orchestrator.run_results.exit_codes import requirement_shortfalls
 from wil_campaign.orchestrator.run_results.run_result import RunResult
 from wil_campaign.safety.model.oracle_results import Verdict
 
@@ -23,7 +23,9 @@ def required_text(runs: Iterable[RunResult]) -> str:
     return f"{sum(required)} of the {len(required)} required {runs_word} passed"
 
 
-def row_verdict(standing: Standing, runs: Iterable[RunResult]) -> Verdict | Literal["undecided"]:
+def row_verdict(
+    standing: RequirementStanding, runs: Iterable[RunResult]
+) -> Verdict | Literal["undecided"]:
     """Return the verdict on a required case and mode: PASS only if by itself it is accepted.
 
     runs: those of the case and mode. A run that proves nothing or had an internal exception
@@ -48,13 +50,15 @@ def row_verdict(standing: Standing, runs: Iterable[RunResult]) -> Verdict | Lite
 
 
 def shortfall_texts(
-    runs: Sequence[RunResult], requirements: Sequence[Requirement]
+    runs: Sequence[RunResult], requirements: Sequence[PassRequirement]
 ) -> tuple[str, ...]:
     """Return each requirement that is not met, with what it needs."""
-    return tuple(_shortfall_text(shortfall, runs) for shortfall in shortfalls(runs, requirements))
+    return tuple(
+        _shortfall_text(shortfall, runs) for shortfall in requirement_shortfalls(runs, requirements)
+    )
 
 
-def _shortfall_text(standing: Standing, runs: Iterable[RunResult]) -> str:
+def _shortfall_text(standing: RequirementStanding, runs: Iterable[RunResult]) -> str:
     wanted = standing.requirement
     place = f"{wanted.case}/{wanted.mode}"
     text = f"{place} is {standing.passed}/{standing.flown} (needs {wanted})"

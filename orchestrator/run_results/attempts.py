@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
-from wil_campaign.orchestrator.run_results.run_result import Attempt, RunResult
+from wil_campaign.orchestrator.run_results.run_result import EarlierAttempt, RunResult
 from wil_campaign.safety.model.oracle_results import Verdict
 
 _RETRIED: frozenset[Verdict] = frozenset({"ERROR", "INVALID"})
@@ -26,7 +26,7 @@ def retry_due(result: RunResult, *, retries: int) -> bool:
     return result.verdict in _RETRIED and spent < retries
 
 
-def failed_too(text: str) -> str:
+def failed_too_text(text: str) -> str:
     """Return why a run is not flown again: beside what made its verdict, the subject failed."""
     return f"the subject failed, too: {text}"
 
@@ -39,12 +39,12 @@ def is_cut_off(result: RunResult) -> bool:
     return result.verdict == "ABORTED" or any(also.verdict == "ABORTED" for also in result.also)
 
 
-def attempt_of(result: RunResult, folder: str) -> Attempt:
+def attempt_of(result: RunResult, folder: str) -> EarlierAttempt:
     """Return a result as an earlier attempt, which does not count. folder: of its files."""
-    return Attempt(result.verdict, result.reason, folder)
+    return EarlierAttempt(result.verdict, result.reason, folder)
 
 
-def after_attempts(result: RunResult, attempts: Iterable[Attempt]) -> RunResult:
+def after_attempts(result: RunResult, attempts: Iterable[EarlierAttempt]) -> RunResult:
     """Return a result with its earlier attempts, which a PASS states as its reason."""
     earlier = tuple(attempts)
     if not earlier:
@@ -53,7 +53,7 @@ def after_attempts(result: RunResult, attempts: Iterable[Attempt]) -> RunResult:
     return replace(result, attempts=earlier, reason=reason)
 
 
-def passed_text(attempts: Sequence[Attempt]) -> str:
+def passed_text(attempts: Sequence[EarlierAttempt]) -> str:
     """Return the reason of a PASS after earlier attempts; "" without any."""
     if not attempts:
         return ""
@@ -61,11 +61,11 @@ def passed_text(attempts: Sequence[Attempt]) -> str:
     return f"passed at attempt {len(attempts) + 1}; before: {before}"
 
 
-def ended_attempts(attempts: Iterable[Attempt]) -> tuple[Attempt, ...]:
+def ended_attempts(attempts: Iterable[EarlierAttempt]) -> tuple[EarlierAttempt, ...]:
     """Return the attempts that were completed, without those that were cut off."""
     return tuple(attempt for attempt in attempts if attempt.verdict not in {None, "ABORTED"})
 
 
-def attempt_text(attempt: Attempt) -> str:
+def attempt_text(attempt: EarlierAttempt) -> str:
     """Return an attempt in words."""
     return f"{attempt.verdict or 'cut off'} ({attempt.reason})"

@@ -4,9 +4,9 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from wil_campaign.campaigns.values.acceptance import Requirement
+from wil_campaign.campaigns.values.acceptance import PassRequirement
 from wil_campaign.orchestrator.run_results.control_results import control_faults
-from wil_campaign.orchestrator.run_results.exit_codes import accepted, equal_run_texts
+from wil_campaign.orchestrator.run_results.exit_codes import equal_run_texts, is_campaign_accepted
 from wil_campaign.orchestrator.run_results.run_result import RunResult, Stop
 from wil_campaign.safety.model.oracle_results import Verdict
 
@@ -88,7 +88,7 @@ class Summary:
 
 def summarize(
     runs: Iterable[RunResult],
-    requirements: Sequence[Requirement],
+    requirements: Sequence[PassRequirement],
     *,
     campaign: str,
     clock: Clock,
@@ -119,7 +119,7 @@ def summarize(
         sensors=dict(sorted(sensors.items())),
         runs=flown,
         totals=totals_of(all_runs),
-        accepted=accepted(
+        accepted=is_campaign_accepted(
             all_runs,
             requirements,
             stopped=stopped,

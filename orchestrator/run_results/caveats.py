@@ -17,7 +17,7 @@ from wil_campaign.orchestrator.run_results.run_result import (
 )
 
 
-def caveats(runs: Sequence[RunResult]) -> list[str]:
+def campaign_caveats(runs: Sequence[RunResult]) -> list[str]:
     """Return all caveats of a campaign as lines for people."""
     lines = _overridden_lines(runs)
     lines += [f"before arming: {text}" for text in sender_texts(runs)]
@@ -202,7 +202,7 @@ def _slow_text(one: SlowAutonomy) -> str:
     )
 
 
-def in_short(summary: Summary) -> list[str]:
+def caveats_in_short(summary: Summary) -> list[str]:
     """Return the caveats in a few words each, for the last line of a campaign.
 
     Failed oracles that are only reported are listed for an accepted campaign alone.

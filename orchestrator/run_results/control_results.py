@@ -6,7 +6,7 @@ from typing import Protocol
 
 from wil_campaign.campaigns.values.expectation import Expectation
 from wil_campaign.safety.model.oracle_results import OracleResult, Verdict
-from wil_campaign.safety.model.verdict import source_of
+from wil_campaign.safety.model.verdict import event_source_of
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,7 +64,7 @@ def control_result(
     """
     if expected is None:
         return None
-    wanted = None if expected.oracle is None else source_of(expected.oracle, subject)
+    wanted = None if expected.oracle is None else event_source_of(expected.oracle, subject)
     met = (
         verdict == expected.verdict
         and wanted in {None, decided_by}
@@ -94,7 +94,7 @@ def ended_text(run: ControlRun) -> str:
 
 def _oracle_of(run: ControlRun) -> str:
     """Return the name of the oracle that decided a control; empty where none did."""
-    sources = {source_of(oracle.name, oracle.vehicle): oracle.name for oracle in run.oracles}
+    sources = {event_source_of(oracle.name, oracle.vehicle): oracle.name for oracle in run.oracles}
     return sources.get(run.decided_by, "")
 
 

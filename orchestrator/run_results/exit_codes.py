@@ -5,17 +5,22 @@ Equal runs: runs that measured the same are one observation, flown several times
 
 from collections.abc import Iterable, Iterator, Sequence
 
-from wil_campaign.campaigns.values.acceptance import Requirement, Share, Standing, standings
+from wil_campaign.campaigns.values.acceptance import (
+    PassRequirement,
+    PassShare,
+    RequirementStanding,
+    requirement_standings,
+)
 from wil_campaign.orchestrator.run_results.run_result import NOT_ARMED, RunResult, Stop
 
 _PROVEN = frozenset({"PASS", "FAIL"})
 
 
 def standings_of(
-    runs: Iterable[RunResult], requirements: Iterable[Requirement]
-) -> tuple[Standing, ...]:
+    runs: Iterable[RunResult], requirements: Iterable[PassRequirement]
+) -> tuple[RequirementStanding, ...]:
     """Return how far run results meet each requirement of the campaign."""
-    return standings(
+    return requirement_standings(
         requirements,
         (
             (run.case, run.mode, run.verdict == "PASS" if run.verdict in _PROVEN else None)
@@ -25,9 +30,9 @@ def standings_of(
     )
 
 
-def accepted(
+def is_campaign_accepted(
     runs: Sequence[RunResult],
-    requirements: Sequence[Requirement],
+    requirements: Sequence[PassRequirement],
     *,
     stopped: Stop | None = None,
     broken: bool = False,
@@ -56,9 +61,9 @@ def accepted(
     return code == 0
 
 
-def shortfalls(
-    runs: Iterable[RunResult], requirements: Iterable[Requirement]
-) -> tuple[Standing, ...]:
+def requirement_shortfalls(
+    runs: Iterable[RunResult], requirements: Iterable[PassRequirement]
+) -> tuple[RequirementStanding, ...]:
     """Return the requirements that are not met, or have a required run that proves nothing.
 
     runs: all of them; controls and runs that are only reported are ignored.
@@ -72,15 +77,17 @@ def shortfalls(
     )
 
 
-def _short(required: Sequence[RunResult], requirements: Iterable[Requirement]) -> list[Standing]:
+def _short(
+    required: Sequence[RunResult], requirements: Iterable[PassRequirement]
+) -> list[RequirementStanding]:
     """Return the requirements that results do not meet; uncovered runs must pass by themselves."""
     wanted = _all_wanted(required, requirements)
     return [standing for standing in standings_of(required, wanted) if not standing.met]
 
 
 def _all_wanted(
-    required: Sequence[RunResult], requirements: Iterable[Requirement]
-) -> list[Requirement]:
+    required: Sequence[RunResult], requirements: Iterable[PassRequirement]
+) -> list[PassRequirement]:
     """Return the requirements, and one of all passes for each case and mode without one."""
     wanted = list(requirements)
     covered = {(requirement.case, requirement.mode) for requirement in wanted}
@@ -88,7 +95,7 @@ def _all_wanted(
         if (run.case, run.mode) not in covered:
             covered.add((run.case, run.mode))
             count = sum((r.case, r.mode) == (run.case, run.mode) for r in required)
-            wanted.append(Requirement(run.case, run.mode, Share(count, count)))
+            wanted.append(PassRequirement(run.case, run.mode, PassShare(count, count)))
     return wanted
 
 
@@ -115,7 +122,7 @@ def rehearsal_code(runs: Sequence[RunResult]) -> int:
 
 def exit_code(
     runs: Sequence[RunResult],
-    requirements: Sequence[Requirement],
+    requirements: Sequence[PassRequirement],
     *,
     stopped: Stop | None = None,
     broken: bool = False,
@@ -144,7 +151,7 @@ def exit_code(
 
 
 def _code_of(
-    runs: Sequence[RunResult], requirements: Sequence[Requirement], controls_due: int
+    runs: Sequence[RunResult], requirements: Sequence[PassRequirement], controls_due: int
 ) -> int:
     required = [run for run in runs if run.required]
     unmet = [run for run in runs if run.control is not None and not run.control.met]
@@ -160,7 +167,7 @@ def _code_of(
     return 1 if short or unmet else 0
 
 
-def measured(run: RunResult) -> tuple[object, ...]:
+def measured_values_of_run(run: RunResult) -> tuple[object, ...]:
     """Return what a run measured, to compare runs by."""
     oracles = tuple(
         (oracle.name, oracle.vehicle, oracle.actual, oracle.at_s) for oracle in run.oracles
@@ -168,13 +175,13 @@ def measured(run: RunResult) -> tuple[object, ...]:
     return (run.verdict, run.duration_s, oracles)
 
 
-def are_equal(runs: Sequence[RunResult]) -> bool:
+def are_runs_equal(runs: Sequence[RunResult]) -> bool:
     """Return whether there are several runs and all of them measured the same."""
-    return len(runs) > 1 and len({measured(run) for run in runs}) == 1
+    return len(runs) > 1 and len({measured_values_of_run(run) for run in runs}) == 1
 
 
 def equal_run_texts(
-    runs: Sequence[RunResult], requirements: Iterable[Requirement]
+    runs: Sequence[RunResult], requirements: Iterable[PassRequirement]
 ) -> Iterator[str]:
     """Yield the caveat of each pass rate that a sequential test decided on equal runs."""
     for standing in standings_of(
@@ -187,7 +194,7 @@ def equal_run_texts(
             if (run.case, run.mode) == (wanted.case, wanted.mode)
             and run.verdict in {"PASS", "FAIL"}
         ]
-        if standing.decision != "undecided" and are_equal(proven):
+        if standing.decision != "undecided" and are_runs_equal(proven):
             yield (
                 f"{wanted.case}/{wanted.mode}: the {len(proven)} runs that decided its pass rate "
                 "measured the same, and are one observation: let something vary with the seed, "

@@ -11,7 +11,7 @@ the exit code is 5.
 import xml.etree.ElementTree as ET
 from collections.abc import Sequence
 
-from wil_campaign.campaigns.values.acceptance import Requirement, Standing
+from wil_campaign.campaigns.values.acceptance import PassRequirement, RequirementStanding
 from wil_campaign.orchestrator.run_results.attempts import attempt_text
 from wil_campaign.orchestrator.run_results.campaign_results import Summary
 from wil_campaign.orchestrator.run_results.caveats import (
@@ -31,7 +31,9 @@ from wil_campaign.orchestrator.run_results.run_result import NOT_ARMED, RunResul
 from wil_campaign.safety.model.oracle_results import OracleResult
 
 
-def junit_xml(summary: Summary, requirements: Sequence[Requirement], *, arm: bool = True) -> bytes:
+def junit_xml(
+    summary: Summary, requirements: Sequence[PassRequirement], *, arm: bool = True
+) -> bytes:
     """Return a campaign's JUnit document. Times are seconds of the run clock, not of the wall.
 
     arm: False for --no-arm, where a run that did not come to arming is an error.
@@ -150,7 +152,7 @@ def _name(run: RunResult) -> str:
     return f"{run.rep} (attempt {len(run.attempts) + 1})" if run.attempts else str(run.rep)
 
 
-def _missing_case(campaign: str, standing: Standing) -> ET.Element:
+def _missing_case(campaign: str, standing: RequirementStanding) -> ET.Element:
     """Return a JUnit test case for required runs that were not flown."""
     wanted = standing.requirement
     classname = _clean(f"{campaign}.{wanted.case}.{wanted.mode}")

@@ -246,7 +246,7 @@ def firmware_changes(before: FlownFirmware, now: FlownFirmware) -> tuple[str, st
     return kind, f"{now.vehicle}: {'; '.join(unit)}" if unit else ""
 
 
-def distinct(firmware: Iterable[FlownFirmware]) -> tuple[FlownFirmware, ...]:
+def distinct_firmware(firmware: Iterable[FlownFirmware]) -> tuple[FlownFirmware, ...]:
     """Return each firmware once, by vehicle, in the order in which they flew."""
     found = dict.fromkeys(firmware)
     return tuple(sorted(found, key=lambda one: one.vehicle))

@@ -8,8 +8,12 @@ from typing import TypeVar
 
 from pydantic import TypeAdapter, ValidationError
 
-from wil_campaign.foundation.files.document_writer import as_plain, to_json
-from wil_campaign.foundation.files.limited_json import JsonLimitError, check_values, read_limited
+from wil_campaign.foundation.files.document_writer import plain_document, to_json
+from wil_campaign.foundation.files.limited_json import (
+    JsonLimitError,
+    check_json_values,
+    read_limited_bytes,
+)
 from wil_campaign.orchestrator.run_results.campaign_results import Summary
 from wil_campaign.orchestrator.run_results.run_result import RunResult
 
@@ -51,8 +55,8 @@ def read_summary(path: Path) -> Summary:
 def _parse_document(path: Path, kind: TypeAdapter[T]) -> tuple[T, str]:
     """Return the content of a document, and its text. Raises ResultError."""
     try:
-        data = read_limited(path)
-        check_values(data)
+        data = read_limited_bytes(path)
+        check_json_values(data)
         text = data.decode("utf-8")
     except FileNotFoundError as error:
         raise ResultError(f"{path} does not exist") from error
@@ -72,7 +76,7 @@ def _parse_document(path: Path, kind: TypeAdapter[T]) -> tuple[T, str]:
 
 def _is_as_written(result: RunResult, text: str) -> bool:
     """Return whether a document is what wil-campaign, or an earlier version of it, writes."""
-    fields = as_plain(result)
+    fields = plain_document(result)
     written = json.loads(text)
     for name, value in _ADDED.items():
         if name not in written and fields[name] == value:

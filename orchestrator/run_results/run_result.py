@@ -18,8 +18,8 @@ from wil_campaign.orchestrator.run_results.result_parts import (
     TwinResult,
 )
 from wil_campaign.safety.model.oracle_results import EvidenceResult, Flag, OracleResult, Verdict
-from wil_campaign.safety.model.verdict import Decision
-from wil_campaign.safety.preflight import Item
+from wil_campaign.safety.model.verdict import RunDecision
+from wil_campaign.safety.preflight import PreflightItem
 
 if TYPE_CHECKING:
     from wil_campaign.campaigns.expansion.expansion import RunPlan
@@ -138,7 +138,7 @@ class MixingResult:
 
 
 @dataclass(frozen=True, slots=True)
-class Also:
+class LaterEvent:
     """A later decisive event in a run's result, after the one of the verdict.
 
     Equal events are listed once, with their count in the reason and the time of the first.
@@ -150,7 +150,7 @@ class Also:
 
 
 @dataclass(frozen=True, slots=True)
-class Loss:
+class TopicMessageLoss:
     """Messages of a topic missing in run.mcap: how many of those to be recorded."""
 
     topic: str
@@ -189,7 +189,7 @@ class SlowAutonomy:
 
 
 @dataclass(frozen=True, slots=True)
-class Attempt:
+class EarlierAttempt:
     """An earlier attempt in a run's result, which does not count.
 
     verdict: None where it was cut off before one. folder: relative to the campaign's.
@@ -241,7 +241,7 @@ class RunResult:
     seed: int
     verdict: Verdict
     reason: str
-    also: tuple[Also, ...]
+    also: tuple[LaterEvent, ...]
     required: bool
     duration_s: float | None
     wall_s: float
@@ -251,8 +251,8 @@ class RunResult:
     collisions: tuple[Flag, ...] = ()
     outside: ExternalResult | None = None
     artifacts: tuple[str, ...] = ()
-    attempts: tuple[Attempt, ...] = ()
-    preflight: tuple[Item, ...] = ()
+    attempts: tuple[EarlierAttempt, ...] = ()
+    preflight: tuple[PreflightItem, ...] = ()
     fence_changes: tuple[FenceChange, ...] = ()
     evidence: tuple[EvidenceResult, ...] = ()
     decided_by: str = ""
@@ -262,7 +262,7 @@ class RunResult:
     trace: str = ""
     exceptions: tuple[str, ...] = ()
     twin: TwinResult | None = None
-    losses: tuple[Loss, ...] = ()
+    losses: tuple[TopicMessageLoss, ...] = ()
     before_arming: tuple[ArmingStep, ...] = ()
     actors: tuple[ActorResult, ...] = ()
     unmoved: tuple[str, ...] = ()
@@ -310,12 +310,12 @@ class RunResult:
         return f"the fault may not be the autonomy's: INVALID too, for {'; '.join(unsound)}"
 
 
-def also_of(decision: Decision) -> tuple[Also, ...]:
+def later_events_of(decision: RunDecision) -> tuple[LaterEvent, ...]:
     """Return the decisive events after the one that made the verdict; equal ones are counted."""
     counts = Counter((event.kind, event.text) for event in decision.also)
     first = {(event.kind, event.text): event.t_s for event in reversed(decision.also)}
     listed = [
-        Also(kind, text if count == 1 else f"{text} ({count} times)", first[kind, text])
+        LaterEvent(kind, text if count == 1 else f"{text} ({count} times)", first[kind, text])
         for (kind, text), count in counts.items()
     ]
     if len(listed) <= _MOST_ALSO:
@@ -325,7 +325,7 @@ def also_of(decision: Decision) -> tuple[Also, ...]:
     # Whoever asks whether a vehicle may fly again looks for these.
     gravest = next((one for one in _GRAVEST if one in verdicts), more[0].verdict)
     text = f"{len(more)} more events; log.jsonl has all of them"
-    return (*kept, Also(gravest, text, more[0].at_s))
+    return (*kept, LaterEvent(gravest, text, more[0].at_s))
 
 
 def tightest_oracle(run: RunResult) -> OracleResult | None:
@@ -369,7 +369,7 @@ def percentiles(values: Sequence[float]) -> Percentiles:
 
 def result_without_parts(
     plan: "RunPlan",
-    decision: Decision,
+    decision: RunDecision,
     *,
     wall_s: float,
     exceptions: tuple[str, ...],
@@ -383,7 +383,7 @@ def result_without_parts(
         seed=plan.seed,
         verdict=decision.verdict,
         reason=decision.reason,
-        also=also_of(decision),
+        also=later_events_of(decision),
         required=plan.required,
         duration_s=None,
         wall_s=wall_s,
@@ -397,7 +397,7 @@ def result_without_parts(
     )
 
 
-def control_of(plan: "RunPlan", decision: Decision) -> ControlResult | None:
+def control_of(plan: "RunPlan", decision: RunDecision) -> ControlResult | None:
     """Return the control result of a run by its verdict; None where the run is no control."""
     return control_result(
         plan.control,

@@ -33,7 +33,7 @@ class CallMark:
         return self._mark[:].rstrip(b"\0").decode("utf-8", "replace")
 
 
-def adopt_mark(descriptor: int) -> None:
+def adopt_call_mark(descriptor: int) -> None:
     """Mark calls where the parent of this worker reads them. Closes the descriptor."""
     global _mark  # noqa: PLW0603 - of the process, as its signal handlers are
     _mark = mmap.mmap(descriptor, _BYTES)
@@ -41,7 +41,7 @@ def adopt_mark(descriptor: int) -> None:
 
 
 @contextmanager
-def calling(vehicle: str) -> Iterator[None]:
+def marked_autonomy_call(vehicle: str) -> Iterator[None]:
     """Mark that the autonomy of a vehicle is called within the context."""
     _mark[:] = vehicle.encode()[:_BYTES].ljust(_BYTES, b"\0")
     try:

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Self
 
-from wil_campaign.foundation.tasks import FAULTS, asked_to_end, leaves
+from wil_campaign.foundation.tasks import FAULTS, is_task_cancellation, leaf_errors
 from wil_campaign.orchestrator.state.run_log import append_event
 
 
 @dataclass(frozen=True, slots=True)
-class Fault:
+class InternalFault:
     """An internal exception. where: the task or part that raised it; kind: its type."""
 
     t_s: float
@@ -38,10 +38,10 @@ class Fault:
         return f"{self.where}: {text}"
 
 
-FaultLog = Callable[[Fault], None]
+FaultLog = Callable[[InternalFault], None]
 
 
-class Faults:
+class InternalFaults:
     """All faults (internal exceptions) of a run, each once however often it propagates.
 
     time: in seconds, as in the log. log: writes each new fault; take: called with it after that. An
@@ -49,38 +49,38 @@ class Faults:
     """
 
     def __init__(
-        self, *, time: Callable[[], float], log: FaultLog, take: Callable[[Fault], None]
+        self, *, time: Callable[[], float], log: FaultLog, take: Callable[[InternalFault], None]
     ) -> None:
         self._time = time
         self._log = log
         self._take = take
         self._known: list[BaseException] = []
-        self.all: list[Fault] = []
+        self.all: list[InternalFault] = []
 
     def record(self, error: BaseException, where: str) -> None:
         """Record an exception as a fault, or each of a group of them."""
-        for leave in leaves(error):
+        for leave in leaf_errors(error):
             if not self._is_known(leave):
                 self._hand_over(self._record(leave, where))
 
     def _is_known(self, error: BaseException) -> bool:
         return any(error is known for known in self._known)
 
-    def _record(self, error: BaseException, where: str) -> Fault:
+    def _record(self, error: BaseException, where: str) -> InternalFault:
         self._known.append(error)
-        fault = Fault.of(error, where, self._time())
+        fault = InternalFault.of(error, where, self._time())
         self.all.append(fault)
         self._log(fault)
         return fault
 
-    def _hand_over(self, fault: Fault) -> None:
+    def _hand_over(self, fault: InternalFault) -> None:
         """Call `take` with a fault: whoever shows or handles it must not end what goes on."""
         try:
             self._take(fault)
         except FAULTS as error:
-            if asked_to_end(error):
+            if is_task_cancellation(error):
                 raise
-            for leave in leaves(error):
+            for leave in leaf_errors(error):
                 if not self._is_known(leave):
                     self._record(leave, f"the report of a fault in {fault.where}")
 
@@ -93,7 +93,7 @@ class Faults:
         try:
             yield
         except FAULTS as error:
-            if asked_to_end(error):
+            if is_task_cancellation(error):
                 raise
             self.record(error, where)
 
@@ -101,7 +101,7 @@ class Faults:
 def fault_log(path: Path) -> FaultLog:
     """Return a function that appends faults to a log.jsonl, also while its recorder is closed."""
 
-    def write(fault: Fault) -> None:
+    def write(fault: InternalFault) -> None:
         with suppress(OSError):  # The verdict states it, too.
             append_event(
                 path,

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from wil_campaign.recipes.pipeline.mixture import Mixed
+from wil_campaign.recipes.pipeline.mixture import MixedReading
 from wil_campaign.recipes.visibility.model import FrameVisibility
 from wil_campaign.vehicles.readings import CameraReading, Reading
 
@@ -19,7 +19,7 @@ class MixedFrame:
     sensor: str
     real: Reading | None
     twin: Reading | None
-    mixed: Mixed[Reading]
+    mixed: MixedReading[Reading]
     visibility: FrameVisibility | None = None
     unbounded: str = ""
 

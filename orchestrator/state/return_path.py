@@ -141,7 +141,7 @@ def why_path_blocked(
     return f"{near[0].object_name} is nearer than {CLEAR_M:g} m to the path" if near else ""
 
 
-def off_start(stand: StandingPose | None, start: Pose) -> tuple[float, float] | None:
+def offset_from_start_text(stand: StandingPose | None, start: Pose) -> tuple[float, float] | None:
     """Return the offset of a vehicle from its start, metres and degrees of heading."""
     if stand is None or stand.armed:
         return None

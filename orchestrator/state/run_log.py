@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, Self
 
 from wil_campaign.foundation.background_file import BackgroundFile
-from wil_campaign.foundation.files.limited_json import loads_limited
+from wil_campaign.foundation.files.limited_json import loads_limited_json
 from wil_campaign.safety.model.verdict import DecisiveEvent, DecisiveKind
 
 _WRITTEN_WITHIN_S = 0.05
@@ -87,7 +87,7 @@ def read_cut_log(path: Path) -> CutLog:
     with suppress(OSError), path.open("rb") as lines:
         for text in lines:
             with suppress(ValueError, KeyError, TypeError):
-                line = loads_limited(text)
+                line = loads_limited_json(text)
                 end_s = max(end_s, float(line["t_s"]))
                 if line["event"] == "stage":
                     stages.add(line["stage"])

@@ -11,7 +11,7 @@ from wil_campaign.campaigns.setup.actor_setups import ActorSetup
 from wil_campaign.campaigns.setup.case_setup import FLIES, Case, VehicleSetup
 from wil_campaign.campaigns.setup.vehicle_setups import FlownSetup
 from wil_campaign.foundation.clocks.virtual_loop import Clock
-from wil_campaign.orchestrator.run_results.run_result import Attempt
+from wil_campaign.orchestrator.run_results.run_result import EarlierAttempt
 from wil_campaign.orchestrator.state.return_path import ReturnPath
 from wil_campaign.vehicles.autopilots.registry import autopilot_named
 from wil_campaign.vehicles.embedded.profile import Profile, load_profile
@@ -32,7 +32,7 @@ class RunOrder:
     plan: RunPlan
     folder: Path
     clock: Clock
-    attempts: tuple[Attempt, ...] = ()
+    attempts: tuple[EarlierAttempt, ...] = ()
     arm: bool = True
     back: ReturnPath | None = None
     liftoff_delays_s: Mapping[str, float] = field(default_factory=dict)

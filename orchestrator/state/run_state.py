@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Literal
 
 from wil_campaign.orchestrator.run_results.result_parts import DropOut
-from wil_campaign.orchestrator.state.faults import Fault, FaultLog, Faults
+from wil_campaign.orchestrator.state.faults import FaultLog, InternalFault, InternalFaults
 from wil_campaign.safety.model.verdict import DecisiveEvent, DecisiveKind
 
 Stage = Literal[
@@ -43,7 +43,7 @@ class RunState:
 
     def __init__(self, *, time: Callable[[], float], log_fault: FaultLog = lambda _: None) -> None:
         self.time = time
-        self._faults = Faults(time=time, log=log_fault, take=self._decide_fault)
+        self._faults = InternalFaults(time=time, log=log_fault, take=self._decide_fault)
         self._deciding_faults = 0
         self.stage: Stage = "start"
         self.entered_s: dict[Stage, float] = {"start": time()}
@@ -151,7 +151,7 @@ class RunState:
                 watcher(event)
 
     @property
-    def faults(self) -> tuple[Fault, ...]:
+    def faults(self) -> tuple[InternalFault, ...]:
         """Return the internal exceptions of the run so far."""
         return tuple(self._faults.all)
 
@@ -163,7 +163,7 @@ class RunState:
         """Record an exception raised within as the run's fault, and suppress it."""
         return self._faults.recording(where)
 
-    def _decide_fault(self, fault: Fault) -> None:
+    def _decide_fault(self, fault: InternalFault) -> None:
         self._deciding_faults += 1
         try:
             self.decide("ERROR", fault.text, source="exception")

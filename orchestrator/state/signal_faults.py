@@ -11,7 +11,7 @@ from wil_campaign.vehicles.cameras.rendered_cameras import NoImageError
 from wil_campaign.vehicles.driver.vehicle_state import EstimateSample
 from wil_campaign.vehicles.faults import FaultKind, FaultySignal, Restamp
 from wil_campaign.vehicles.readings import Reading
-from wil_campaign.vehicles.sensors.sensor_streams import OnDemand
+from wil_campaign.vehicles.sensors.sensor_streams import SensesOnDemand
 from wil_campaign.worlds.frames import Pose
 
 T = TypeVar("T")
@@ -20,7 +20,7 @@ T = TypeVar("T")
 class FaultyOnDemand:
     """An on-demand sensor with faults injected into its readings."""
 
-    def __init__(self, sensor: OnDemand, fault: FaultySignal[Reading]) -> None:
+    def __init__(self, sensor: SensesOnDemand, fault: FaultySignal[Reading]) -> None:
         self._sensor = sensor
         self._fault = fault
 

@@ -5,7 +5,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import TypeVar
 
-from wil_campaign.foundation.tasks import Contained
+from wil_campaign.foundation.tasks import SuppressedErrors
 from wil_campaign.orchestrator.state.liftoff_detector import LiftoffDetector
 from wil_campaign.orchestrator.state.signal_faults import SignalFaults, restamp_estimate
 from wil_campaign.safety.model.samples import PoseSample, ReferenceSample
@@ -22,7 +22,7 @@ from wil_campaign.worlds.frames import Pose, Vec3, scale, subtract
 
 T = TypeVar("T")
 
-_LISTENER = Contained("a listener to a vehicle's pose")
+_LISTENER = SuppressedErrors("a listener to a vehicle's pose")
 HISTORY_S = 2.0
 """How long poses are kept: longer than the latency of any camera."""
 _MOST_NOTES = 20_000

@@ -12,16 +12,23 @@ from pydantic import Field
 
 from wil_campaign.foundation.files.paths import is_file
 from wil_campaign.hooks import links
-from wil_campaign.installed_plugins import absent
+from wil_campaign.installed_plugins import absent_additions
 from wil_campaign.plugins.firmware.launch_plan import (
     LaunchPlan,
+    LaunchPort,
     PlannedLaunch,
-    Port,
-    executable,
+    launch_executable,
     parameter_text,
 )
 from wil_campaign.plugins.firmware.prepared_launch import PreparedLaunch
-from wil_campaign.vehicles.launch import Home, LaunchError, LaunchPart, Pace, Text, beside
+from wil_campaign.vehicles.launch import (
+    LaunchError,
+    LaunchHome,
+    LaunchPart,
+    Pace,
+    Text,
+    path_beside_campaign,
+)
 from wil_campaign.vehicles.links.link_strings import LinkAddress
 
 _LINK = "tcpout"
@@ -55,7 +62,7 @@ class ArduPilotLaunch(PlannedLaunch):
 
     def check(self) -> None:
         """Raise LaunchError when the binary, a parameter file or links by TCP are missing."""
-        executable(self.binary, "ArduPilot SITL", "build it with './waf copter'")
+        launch_executable(self.binary, "ArduPilot SITL", "build it with './waf copter'")
         for file in self.defaults:
             if not is_file(file):
                 raise LaunchError(f"ArduPilot SITL: there is no parameter file {file}")
@@ -67,18 +74,23 @@ class ArduPilotLaunch(PlannedLaunch):
             )
         if not 0.0 < self.pace <= 100.0:
             raise LaunchError(f"ArduPilot SITL: speedup {self.pace} is not within 0 to 100")
-        if why := absent(links).get(_LINK):
+        if why := absent_additions(links).get(_LINK):
             raise LaunchError(f"ArduPilot SITL: {why}")
 
-    def ports(self, instance: int) -> tuple[Port, ...]:
+    def ports(self, instance: int) -> tuple[LaunchPort, ...]:
         """Return ArduPilot's ports: serial 0 to 2 and its input for remote control."""
         tcp, rc = _BASE_PORT + _PER_INSTANCE * instance, 5501 + _PER_INSTANCE * instance
-        return (Port(tcp, "tcp"), Port(tcp + 2, "tcp"), Port(tcp + 3, "tcp"), Port(rc, "udp"))
+        return (
+            LaunchPort(tcp, "tcp"),
+            LaunchPort(tcp + 2, "tcp"),
+            LaunchPort(tcp + 3, "tcp"),
+            LaunchPort(rc, "udp"),
+        )
 
     def plan(self, *, instance: int, system_id: int, folder: Path) -> LaunchPlan:
         """Return ArduPilot's launch plan; eeprom and logs go to its working folder."""
         argv = [
-            executable(self.binary, "ArduPilot SITL", "build it with './waf copter'"),
+            launch_executable(self.binary, "ArduPilot SITL", "build it with './waf copter'"),
             "--model", self.frame,
             "--speedup", f"{self.pace:g}",
             "--instance", str(instance),
@@ -121,7 +133,7 @@ class ArduPilotLaunch(PlannedLaunch):
         return (found / "copter.parm", *(file for file in own if is_file(file)))
 
 
-def _home_argument(home: Home) -> str:
+def _home_argument(home: LaunchHome) -> str:
     """Return ArduPilot's --home argument."""
     place = f"{home.latitude_deg:.7f},{home.longitude_deg:.7f},{home.altitude_m:.2f}"
     return f"{place},{home.heading_deg:.1f}"
@@ -148,8 +160,10 @@ class ArduPilotLaunchPart(LaunchPart):
         named = Path(self.binary)
         return ArduPilotLaunch(
             # A bare name is looked for on PATH.
-            binary=named if named.name == self.binary else beside(folder, self.binary),
+            binary=named
+            if named.name == self.binary
+            else path_beside_campaign(folder, self.binary),
             frame=self.frame,
-            defaults=tuple(beside(folder, file) for file in self.defaults),
+            defaults=tuple(path_beside_campaign(folder, file) for file in self.defaults),
             pace=self.speedup,
         )

@@ -15,58 +15,58 @@ from wil_campaign.vehicles.autopilots.autopilot import (
     IGNORE_YAW_RATE,
     Autopilot,
     FenceAction,
-    Mode,
-    Target,
+    FlightMode,
+    MavlinkTarget,
     command_long,
-    names_board,
+    has_board_ids,
 )
 from wil_campaign.vehicles.autopilots.failsafes import (
     OWN_SYSTEM_ID,
     SILENT_S,
-    AltitudeParameter,
+    AutopilotFailsafes,
     FailsafeRule,
-    Failsafes,
+    ReturnAltitudeParameter,
     ReturnsBy,
 )
 from wil_campaign.vehicles.autopilots.ground_truth import GroundTruth
 from wil_campaign.vehicles.autopilots.readiness import ReadinessRules
 
-_SETTABLE: dict[Mode, int] = {
+_SETTABLE: dict[FlightMode, int] = {
     # BRAKE stops and holds by itself and ignores sticks and late setpoints. LOITER sinks when no
     # remote control holds the throttle at its centre; GUIDED would follow setpoints.
-    Mode.HOLD: 17,
-    Mode.GUIDED: 4,
-    Mode.LAND: 9,
-    Mode.RTL: 6,
-    Mode.MISSION: 3,
+    FlightMode.HOLD: 17,
+    FlightMode.GUIDED: 4,
+    FlightMode.LAND: 9,
+    FlightMode.RTL: 6,
+    FlightMode.MISSION: 3,
 }
-_MODES: dict[int, tuple[str, Mode]] = {
-    0: ("STABILIZE", Mode.PILOT),
-    1: ("ACRO", Mode.PILOT),
-    2: ("ALT_HOLD", Mode.PILOT),
-    3: ("AUTO", Mode.MISSION),
-    4: ("GUIDED", Mode.GUIDED),
-    5: ("LOITER", Mode.PILOT),
-    6: ("RTL", Mode.RTL),
-    7: ("CIRCLE", Mode.PILOT),
-    9: ("LAND", Mode.LAND),
-    11: ("DRIFT", Mode.PILOT),
-    13: ("SPORT", Mode.PILOT),
-    14: ("FLIP", Mode.PILOT),
-    15: ("AUTOTUNE", Mode.PILOT),
-    16: ("POSHOLD", Mode.PILOT),
-    17: ("BRAKE", Mode.HOLD),
-    18: ("THROW", Mode.OTHER),
-    19: ("AVOID_ADSB", Mode.OTHER),
-    20: ("GUIDED_NOGPS", Mode.OTHER),
-    21: ("SMART_RTL", Mode.RTL),
-    22: ("FLOWHOLD", Mode.PILOT),
-    23: ("FOLLOW", Mode.OTHER),
-    24: ("ZIGZAG", Mode.PILOT),
-    25: ("SYSTEMID", Mode.PILOT),
-    26: ("AUTOROTATE", Mode.OTHER),
-    27: ("AUTO_RTL", Mode.RTL),
-    28: ("TURTLE", Mode.PILOT),
+_MODES: dict[int, tuple[str, FlightMode]] = {
+    0: ("STABILIZE", FlightMode.PILOT),
+    1: ("ACRO", FlightMode.PILOT),
+    2: ("ALT_HOLD", FlightMode.PILOT),
+    3: ("AUTO", FlightMode.MISSION),
+    4: ("GUIDED", FlightMode.GUIDED),
+    5: ("LOITER", FlightMode.PILOT),
+    6: ("RTL", FlightMode.RTL),
+    7: ("CIRCLE", FlightMode.PILOT),
+    9: ("LAND", FlightMode.LAND),
+    11: ("DRIFT", FlightMode.PILOT),
+    13: ("SPORT", FlightMode.PILOT),
+    14: ("FLIP", FlightMode.PILOT),
+    15: ("AUTOTUNE", FlightMode.PILOT),
+    16: ("POSHOLD", FlightMode.PILOT),
+    17: ("BRAKE", FlightMode.HOLD),
+    18: ("THROW", FlightMode.OTHER),
+    19: ("AVOID_ADSB", FlightMode.OTHER),
+    20: ("GUIDED_NOGPS", FlightMode.OTHER),
+    21: ("SMART_RTL", FlightMode.RTL),
+    22: ("FLOWHOLD", FlightMode.PILOT),
+    23: ("FOLLOW", FlightMode.OTHER),
+    24: ("ZIGZAG", FlightMode.PILOT),
+    25: ("SYSTEMID", FlightMode.PILOT),
+    26: ("AUTOROTATE", FlightMode.OTHER),
+    27: ("AUTO_RTL", FlightMode.RTL),
+    28: ("TURTLE", FlightMode.PILOT),
 }
 
 _LAND = 5
@@ -86,7 +86,7 @@ def _ways_of_return(values: Mapping[str, float]) -> frozenset[ReturnsBy]:
     return frozenset({"rally", "landing"}) if landing else frozenset({"rally"})
 
 
-_FAILSAFES = Failsafes(
+_FAILSAFES = AutopilotFailsafes(
     # By default ArduCopter hovers on link loss.
     on_silence={
         "FS_GCS_ENABLE": float(_LAND),
@@ -133,7 +133,10 @@ _FAILSAFES = Failsafes(
             is_optional=True,
         ),
     ),
-    return_altitudes=(AltitudeParameter("RTL_ALT", 0.01), AltitudeParameter("RTL_ALT_M", 1.0)),
+    return_altitudes=(
+        ReturnAltitudeParameter("RTL_ALT", 0.01),
+        ReturnAltitudeParameter("RTL_ALT_M", 1.0),
+    ),
     returning={"FS_GCS_ENABLE": _RETURNS},
     ways=_ways_of_return,
     rally_limit="RALLY_LIMIT_KM",
@@ -153,8 +156,8 @@ class ArduCopter(Autopilot):
     setpoint_rate_hz: ClassVar[float] = 10.0
     streams_before_guided_s: ClassVar[float] = 0.0
     # NAV_TAKEOFF over MAVLink is accepted in GUIDED only.
-    arming_mode: ClassVar[Mode] = Mode.GUIDED
-    takeoff_modes: ClassVar[tuple[Mode, ...]] = (Mode.GUIDED,)
+    arming_mode: ClassVar[FlightMode] = FlightMode.GUIDED
+    takeoff_modes: ClassVar[tuple[FlightMode, ...]] = (FlightMode.GUIDED,)
     spool_s: ClassVar[float] = 2.0
     """The delay after arming, and MOT_SPOOL_TIME: before, a takeoff command waits (4.7)."""
     # Measured by our liftoff detector, minus spool_s, in flights of the gate with 4.7.
@@ -193,7 +196,7 @@ class ArduCopter(Autopilot):
         "INS_GYR*OFFS_?",  # of gyroscopes, at each boot (INS_GYR_CAL)
         "*_TOTAL",  # items of mission, fence and rally, which are no settings
     )
-    failsafes: ClassVar[Failsafes] = _FAILSAFES
+    failsafes: ClassVar[AutopilotFailsafes] = _FAILSAFES
     oldest_version: ClassVar[tuple[int, int]] = (4, 3)
     log_suffix: ClassVar[str] = ".bin"
     logs_numbered_in_order: ClassVar[bool] = True
@@ -204,15 +207,15 @@ class ArduCopter(Autopilot):
         "are DISTANCE_SENSOR messages): use tcp:// or an MCAP file"
     }
 
-    def mode_of(self, custom_mode: int) -> Mode:
+    def mode_of(self, custom_mode: int) -> FlightMode:
         """Return our mode for an ArduCopter HEARTBEAT."""
-        return _MODES.get(custom_mode, ("", Mode.OTHER))[1]
+        return _MODES.get(custom_mode, ("", FlightMode.OTHER))[1]
 
     def mode_name(self, custom_mode: int) -> str:
         """Return ArduCopter's name of the mode."""
-        return _MODES.get(custom_mode, (f"mode {custom_mode}", Mode.OTHER))[0]
+        return _MODES.get(custom_mode, (f"mode {custom_mode}", FlightMode.OTHER))[0]
 
-    def set_mode(self, target: Target, mode: Mode) -> Any:
+    def set_mode(self, target: MavlinkTarget, mode: FlightMode) -> Any:
         """Return ArduCopter's DO_SET_MODE; raises ValueError for other modes."""
         if mode not in _SETTABLE:
             raise ValueError(f"{mode} is not a mode to set on ArduCopter")
@@ -227,13 +230,15 @@ class ArduCopter(Autopilot):
         """Return ArduPilot's map projection around a place."""
         return ArduPilotProjection(latitude_deg, longitude_deg)
 
-    def takeoff(self, target: Target, *, altitude_m: float, ground_amsl_m: float | None) -> Any:
+    def takeoff(
+        self, target: MavlinkTarget, *, altitude_m: float, ground_amsl_m: float | None
+    ) -> Any:
         """Return ArduCopter's NAV_TAKEOFF; its height is relative to the ground."""
         del ground_amsl_m
         unused = (0.0,) * 6
         return command_long(target, mavlink.MAV_CMD_NAV_TAKEOFF, *unused, altitude_m)
 
-    def set_simulation_pace(self, target: Target, times_real_time: float) -> Any:
+    def set_simulation_pace(self, target: MavlinkTarget, times_real_time: float) -> Any:
         """Return the PARAM_SET of SIM_SPEEDUP, which SITL heeds in flight."""
         return mavlink.MAVLink_param_set_message(
             target.system,
@@ -246,7 +251,7 @@ class ArduCopter(Autopilot):
     def is_simulation(self, version: Any, system_id: int, *, shows_it: bool) -> bool:
         """Return whether ArduCopter has sent what only SITL sends, and names no board."""
         del system_id
-        return shows_it and not names_board(version)
+        return shows_it and not has_board_ids(version)
 
     def fence_parameters(
         self, *, has_areas: bool, ceiling_m: float | None, action: FenceAction

@@ -4,14 +4,14 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from wil_campaign.foundation.files.paths import exists, is_file, is_folder
-from wil_campaign.plugins.calibration.boards import Board, CalibrationError, Picture, Sighting
+from wil_campaign.foundation.files.paths import is_file, is_folder, path_exists
+from wil_campaign.plugins.calibration.boards import Board, BoardSighting, CalibrationError, Picture
 from wil_campaign.plugins.cameras.image_files import ImageFolder, VideoFile
 from wil_campaign.plugins.cameras.mcap_images import McapFile
 from wil_campaign.plugins.cameras.recorded_camera import ImageFile
 from wil_campaign.plugins.offline.errors import OfflineError
-from wil_campaign.plugins.offline.image_inputs import stills
-from wil_campaign.plugins.offline.recorded_inputs import items, recording_file
+from wil_campaign.plugins.offline.image_inputs import still_images
+from wil_campaign.plugins.offline.recorded_inputs import recording_file, recording_items
 from wil_campaign.plugins.python.mcap_reader import RecordedReading
 from wil_campaign.vehicles.readings import CameraReading
 
@@ -29,7 +29,7 @@ class BoardViews:
     """The views of a board. size: of the images, (width, height). searched: number of images."""
 
     size: tuple[int, int]
-    sightings: tuple[Sighting, ...]
+    sightings: tuple[BoardSighting, ...]
     searched: int
 
 
@@ -39,7 +39,7 @@ class BoardSearch:
     def __init__(self, board: Board) -> None:
         self._board = board
         self._size: tuple[int, int] | None = None
-        self._sightings: list[Sighting] = []
+        self._sightings: list[BoardSighting] = []
         self._searched = 0
 
     def search(self, t_s: float, image_bgr: Picture) -> bool:
@@ -71,24 +71,24 @@ class BoardSearch:
         return BoardViews(self._size, tuple(self._sightings), self._searched)
 
 
-def search_file(path: Path, board: Board, *, sensor: str, vehicle: str) -> BoardViews:
+def search_board_in_file(path: Path, board: Board, *, sensor: str, vehicle: str) -> BoardViews:
     """Return the board's views in a video, a folder of images, an MCAP file or a recorded run.
 
     sensor, vehicle: the camera of a recorded run. Raises OfflineError for an unreadable file,
     CalibrationError for one without the board.
     """
     search = BoardSearch(board)
-    for t_s, image_bgr in thinned(_images_of(path, sensor, vehicle)):
+    for t_s, image_bgr in thinned_images(_images_of(path, sensor, vehicle)):
         search.search(t_s, image_bgr)
     return search.views()
 
 
-def is_run(path: Path) -> bool:
+def is_recorded_run(path: Path) -> bool:
     """Return whether a path is a recorded run: its folder, or its run.mcap."""
     return path.name == RUN_FILE or is_file(path / RUN_FILE)
 
 
-def thinned(images: Iterable[TimedImage]) -> Iterator[TimedImage]:
+def thinned_images(images: Iterable[TimedImage]) -> Iterator[TimedImage]:
     """Yield images that are at least STEP_S apart."""
     due_s = float("-inf")
     for t_s, image_bgr in images:
@@ -99,9 +99,9 @@ def thinned(images: Iterable[TimedImage]) -> Iterator[TimedImage]:
 
 def _images_of(path: Path, sensor: str, vehicle: str) -> Iterator[TimedImage]:
     """Yield the images of a file, folder or run."""
-    if not exists(path):
+    if not path_exists(path):
         raise OfflineError(f"{path}: there is no such file or folder")
-    if is_run(path):
+    if is_recorded_run(path):
         yield from _images_of_run(path if is_folder(path) else path.parent, sensor, vehicle)
     elif is_folder(path):
         yield from _images_of_file(ImageFolder(path=path, rate_hz=_IMAGES_HZ))
@@ -112,14 +112,14 @@ def _images_of(path: Path, sensor: str, vehicle: str) -> Iterator[TimedImage]:
 
 
 def _images_of_file(file: ImageFile) -> Iterator[TimedImage]:
-    return ((still.offset_s, still.image_bgr) for still in stills(file))
+    return ((still.offset_s, still.image_bgr) for still in still_images(file))
 
 
 def _images_of_run(folder: Path, sensor: str, vehicle: str) -> Iterator[TimedImage]:
     """Yield a camera's images of a recorded run. Raises OfflineError."""
     cameras: set[str] = set()
     found = False
-    for item in items(recording_file(folder)):
+    for item in recording_items(recording_file(folder)):
         if not isinstance(item, RecordedReading) or not isinstance(item.reading, CameraReading):
             continue
         cameras.add(f"{item.reading.source} {item.sensor}")

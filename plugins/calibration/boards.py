@@ -27,7 +27,7 @@ class CalibrationError(VehicleError):
 
 
 @dataclass(frozen=True, slots=True)
-class Sighting:
+class BoardSighting:
     """A sighting of a calibration board in an image.
 
     t_s: when the image was taken, by its stamp. board_m: (n, 3), corners in the board's frame,
@@ -46,7 +46,7 @@ class Board(Protocol):
     def name(self) -> str:
         """Return the calibration board's name in messages."""
 
-    def find(self, image_bgr: Picture, t_s: float = 0.0) -> Sighting | None:
+    def find(self, image_bgr: Picture, t_s: float = 0.0) -> BoardSighting | None:
         """Return the board's corners in an image; None when they are not seen."""
 
 
@@ -78,7 +78,7 @@ class ChessBoard:
         flat = np.stack((across.ravel(), down.ravel(), np.zeros(across.size)), axis=1)
         return np.asarray(flat * self.square_m, np.float64)
 
-    def find(self, image_bgr: Picture, t_s: float = 0.0) -> Sighting | None:
+    def find(self, image_bgr: Picture, t_s: float = 0.0) -> BoardSighting | None:
         """Return all corners of the chessboard in an image; None when one is missing."""
         gray = _gray(image_bgr)
         size = (self.columns, self.rows)
@@ -89,7 +89,7 @@ class ChessBoard:
         pixels = corners.reshape(-1, 2).astype(np.float64)
         if self._is_upside_down(pixels):
             pixels = pixels[::-1]
-        return Sighting(t_s, self.corners_m, pixels.copy())
+        return BoardSighting(t_s, self.corners_m, pixels.copy())
 
     def _is_upside_down(self, pixels: Points) -> bool:
         across = pixels[self.columns - 1] - pixels[0]
@@ -143,7 +143,7 @@ class CharucoBoard:
         size = (self.columns * pixels_per_square, self.rows * pixels_per_square)
         return np.asarray(self._board.generateImage(size), np.uint8)
 
-    def find(self, image_bgr: Picture, t_s: float = 0.0) -> Sighting | None:
+    def find(self, image_bgr: Picture, t_s: float = 0.0) -> BoardSighting | None:
         """Return the board's corners seen in an image; None when too few."""
         corners, ids, _, _ = self._detector.detectBoard(_gray(image_bgr))
         if ids is None or len(ids) < _FEWEST_CHARUCO:
@@ -152,7 +152,7 @@ class CharucoBoard:
         places = np.asarray(self._board.getChessboardCorners(), np.float64)[numbers]
         if np.linalg.matrix_rank(places - places[0], tol=0.1 * self.square_m) < 2:
             return None  # Corners in one line span no plane.
-        return Sighting(t_s, places, np.asarray(corners, np.float64).reshape(-1, 2))
+        return BoardSighting(t_s, places, np.asarray(corners, np.float64).reshape(-1, 2))
 
 
 def _gray(image_bgr: Picture) -> Picture:

@@ -39,7 +39,7 @@ def body_path(poses: Iterable[TimedPose]) -> BodyPath:
     )
 
 
-def path_in_csv(path: Path) -> BodyPath:
+def body_path_in_csv(path: Path) -> BodyPath:
     """Return the body's path in a CSV file with the columns of COLUMNS, ignoring others.
 
     Raises OfflineError, with the line.
@@ -59,7 +59,7 @@ def path_in_csv(path: Path) -> BodyPath:
         raise OfflineError(f"{path}: is not a CSV file: {error}") from error
 
 
-def path_in_run(folder: Path, vehicle: str) -> BodyPath:
+def body_path_in_run(folder: Path, vehicle: str) -> BodyPath:
     """Return a body's path in a recorded run, by its pose source. Raises OfflineError."""
     file = folder / FILE_NAME
     try:

@@ -16,21 +16,25 @@ from cyclopts import Parameter
 from wil_campaign.campaigns.schema.calibration import CalibrationPart
 from wil_campaign.campaigns.schema.sources import MocapPart, SourcePart
 from wil_campaign.campaigns.values.external_setups import MocapSetup
-from wil_campaign.foundation.files.document_writer import write_whole
+from wil_campaign.foundation.files.document_writer import write_atomically
 from wil_campaign.foundation.files.documents import BadInput, KeyFaultError
-from wil_campaign.orchestrator.cli.standard_streams import err, out
-from wil_campaign.plugins.calibration.board_search import BoardViews, is_run, search_file
+from wil_campaign.orchestrator.cli.standard_streams import write_stderr, write_stdout
+from wil_campaign.plugins.calibration.board_search import (
+    BoardViews,
+    is_recorded_run,
+    search_board_in_file,
+)
 from wil_campaign.plugins.calibration.boards import (
     Board,
     CalibrationError,
     CharucoBoard,
     ChessBoard,
 )
-from wil_campaign.plugins.calibration.body_paths import BodyPath, path_in_csv, path_in_run
+from wil_campaign.plugins.calibration.body_paths import BodyPath, body_path_in_csv, body_path_in_run
 from wil_campaign.plugins.calibration.live_search import LiveOrder, search_live
 from wil_campaign.plugins.calibration.measurement import (
     MeasurementOptions,
-    as_yaml,
+    calibration_yaml,
     measure_camera,
     read_optics,
 )
@@ -165,17 +169,17 @@ def calibrate(
             flown_latency_s=flown_s,
         )
         calibration = measure_camera(views, path, options)
-        write_whole(file, as_yaml(calibration, made_of=images))
+        write_atomically(file, calibration_yaml(calibration, made_of=images))
     except (OfflineError, BadInput) as error:
-        err(error)
+        write_stderr(error)
         return 2
     except VehicleError as error:
-        err(f"{images}: {error}" if images not in str(error) else error)
+        write_stderr(f"{images}: {error}" if images not in str(error) else error)
         return 3
     except OSError as error:
-        err(f"{out_}: cannot be written: {error.strerror or error}")
+        write_stderr(f"{out_}: cannot be written: {error.strerror or error}")
         return 3
-    out(_as_text(calibration, views, file))
+    write_stdout(_as_text(calibration, views, file))
     return 0
 
 
@@ -184,7 +188,7 @@ def _search_images(
 ) -> tuple[BoardViews, BodyPath | None, float | None]:
     """Return the board's views, the body's path, and the latency as flown, to calibrate."""
     poses, latency_ms = where.poses, where.poses_latency_ms
-    if (poses is not None or is_run(Path(images))) and find_spec("scipy") is None:
+    if (poses is not None or is_recorded_run(Path(images))) and find_spec("scipy") is None:
         raise OfflineError(
             "mounting and latency need the extra calibration: "
             "pip install 'wil-campaign[calibration]'"
@@ -198,7 +202,7 @@ def _search_images(
         return _search_recording(Path(images), board, poses, where.vehicle, where.sensor)
     mocap = None if poses is None else _mocap(poses, where.body, latency_ms or 0.0)
     order = _live(images, live.size, live.seconds, mocap)
-    err(f"taking images of {images} for {live.seconds:g} s: move the board, or the body")
+    write_stderr(f"taking images of {images} for {live.seconds:g} s: move the board, or the body")
     views, path = asyncio.run(search_live(order, board))
     return views, path, 0.0
 
@@ -217,12 +221,12 @@ def _search_recording(
 
     None for the latter without a run: a video and a CSV file have clocks of their own.
     """
-    path, flown_s = None if poses is None else path_in_csv(Path(poses)), None
-    if is_run(file):
+    path, flown_s = None if poses is None else body_path_in_csv(Path(poses)), None
+    if is_recorded_run(file):
         folder = file if file.is_dir() else file.parent
         flown_s = flown_latency_s(folder, vehicle, sensor)
-        path = path_in_run(folder, vehicle) if path is None else path
-    return search_file(file, board, sensor=sensor, vehicle=vehicle), path, flown_s
+        path = body_path_in_run(folder, vehicle) if path is None else path
+    return search_board_in_file(file, board, sensor=sensor, vehicle=vehicle), path, flown_s
 
 
 def _live(address: str, size: str | None, seconds: float, mocap: MocapSetup | None) -> LiveOrder:
@@ -259,7 +263,9 @@ def _draw(board: Board, path: Path) -> int:
     if not cv2.imwrite(str(path), board.picture(_CELL_PX)):
         raise OfflineError(f"--draw {path}: cannot be written; end its name with .png")
     wide, high = (1000.0 * board.square_m * count for count in (board.columns, board.rows))
-    out(f"{path}: print it {wide:g} mm wide and {high:g} mm high, on something flat, with a margin")
+    write_stdout(
+        f"{path}: print it {wide:g} mm wide and {high:g} mm high, on something flat, with a margin"
+    )
     return 0
 
 

@@ -14,7 +14,7 @@ from wil_campaign.campaigns.schema.calibration import (
     SpreadPart,
     read_calibration,
 )
-from wil_campaign.foundation.files.documents import load
+from wil_campaign.foundation.files.documents import load_document
 from wil_campaign.foundation.files.paths import is_file
 from wil_campaign.plugins.calibration.board_search import BoardViews
 from wil_campaign.plugins.calibration.boards import Board, CalibrationError
@@ -96,10 +96,10 @@ def read_optics(path: Path) -> CalibrationPart:
     """Return the optics in a calibration file. Raises BadInput, OfflineError."""
     if not is_file(path):
         raise OfflineError(f"{path}: there is no such file")
-    return read_calibration(load(path, name=str(path)))
+    return read_calibration(load_document(path, name=str(path)))
 
 
-def as_yaml(calibration: CalibrationPart, *, made_of: str) -> str:
+def calibration_yaml(calibration: CalibrationPart, *, made_of: str) -> str:
     """Return the measured calibration as a YAML file. made_of: what it was measured from."""
     plain: dict[str, Any] = calibration.model_dump(by_alias=True, exclude_none=True)
     body = yaml.safe_dump(plain, sort_keys=False, default_flow_style=None, width=100)

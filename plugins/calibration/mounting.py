@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation, Slerp
 
-from wil_campaign.plugins.calibration.boards import CalibrationError, Points, Sighting
+from wil_campaign.plugins.calibration.boards import BoardSighting, CalibrationError, Points
 from wil_campaign.plugins.calibration.body_paths import BodyPath
 from wil_campaign.worlds.camera import Intrinsics
 from wil_campaign.worlds.frames import Pose
@@ -57,7 +57,7 @@ class MountingFit:
 
 
 def fit_mounting(
-    sightings: Sequence[Sighting], path: BodyPath, intrinsics: Intrinsics
+    sightings: Sequence[BoardSighting], path: BodyPath, intrinsics: Intrinsics
 ) -> MountingFit:
     """Return the fit of mounting and latency. sightings: stamped on the path's clock.
 
@@ -168,7 +168,7 @@ class _Problem:
     """The least-squares problem of the mounting: corners as predicted less as seen."""
 
     def __init__(
-        self, seen: Sequence[Sighting], times: Points, track: _Track, intrinsics: Intrinsics
+        self, seen: Sequence[BoardSighting], times: Points, track: _Track, intrinsics: Intrinsics
     ) -> None:
         self._times = times
         self._track = track
@@ -200,7 +200,7 @@ class _Problem:
         return np.stack(columns, axis=1) / (2.0 * _DIFFERENCE)
 
 
-def _board_from_camera(one: Sighting, intrinsics: Intrinsics) -> tuple[Points, Points]:
+def _board_from_camera(one: BoardSighting, intrinsics: Intrinsics) -> tuple[Points, Points]:
     """Return rotation and position of the board in the camera's FRD frame."""
     matrix, distortion = _lens(intrinsics)
     done, turn, shift = cv2.solvePnP(one.board_m, one.pixels, matrix, distortion)

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from wil_campaign.plugins.calibration.boards import CalibrationError, Points, Sighting
+from wil_campaign.plugins.calibration.boards import BoardSighting, CalibrationError, Points
 from wil_campaign.worlds.camera import Intrinsics
 
 FEWEST = 8
@@ -44,14 +44,14 @@ class OpticsFit:
 
 
 def fit_optics(
-    sightings: Sequence[Sighting], size: tuple[int, int], *, coefficients: int = 4
+    sightings: Sequence[BoardSighting], size: tuple[int, int], *, coefficients: int = 4
 ) -> OpticsFit:
     """Return the fitted optics of a camera of an image size (width, height).
 
     coefficients: of the distortion, 4 (k1, k2, p1, p2), 5 (with k3) or 8 (rational). Raises
     CalibrationError when the images are too few, too similar, or do not fit together.
     """
-    chosen = most_different(sightings, size, MOST)
+    chosen = most_different_sightings(sightings, size, MOST)
     if len(chosen) < FEWEST:
         alike = "" if len(sightings) < FEWEST else f", and only {len(chosen)} of them differ"
         raise CalibrationError(
@@ -92,13 +92,13 @@ def fit_optics(
         ),
         images=len(chosen),
         rms_px=rms_px,
-        covered=covered(chosen, size),
+        covered=covered_image_share(chosen, size),
     )
 
 
-def most_different(
-    sightings: Sequence[Sighting], size: tuple[int, int], most: int
-) -> list[Sighting]:
+def most_different_sightings(
+    sightings: Sequence[BoardSighting], size: tuple[int, int], most: int
+) -> list[BoardSighting]:
     """Return at most so many sightings, the most different ones, to fit optics.
 
     Of several with the same view only one is chosen: the others add no information.
@@ -117,7 +117,7 @@ def most_different(
     return [sightings[index] for index in sorted(chosen)]
 
 
-def covered(sightings: Sequence[Sighting], size: tuple[int, int]) -> float:
+def covered_image_share(sightings: Sequence[BoardSighting], size: tuple[int, int]) -> float:
     """Return the share of the image's cells (8 x 6) with a corner, for the optics."""
     cells = {
         (int(u * _GRID[0] / size[0]), int(v * _GRID[1] / size[1]))
@@ -127,7 +127,7 @@ def covered(sightings: Sequence[Sighting], size: tuple[int, int]) -> float:
     return len(cells) / (_GRID[0] * _GRID[1])
 
 
-def _view(one: Sighting, size: tuple[int, int]) -> Points:
+def _view(one: BoardSighting, size: tuple[int, int]) -> Points:
     """Return a view of the board as a vector of middle, size and slant, to compare views."""
     board, pixels = one.board_m[:, :2], one.pixels / size[0]
     design = np.column_stack((board, np.ones(len(board))))
@@ -138,7 +138,7 @@ def _view(one: Sighting, size: tuple[int, int]) -> Points:
     return np.concatenate((middle, (scale * affine[:2]).ravel()))
 
 
-def _slant(sightings: Sequence[Sighting]) -> float:
+def _slant(sightings: Sequence[BoardSighting]) -> float:
     """Return the slant of the most slanted view (0: none), which optics need."""
     worst = 0.0
     for sighting in sightings:
@@ -151,7 +151,7 @@ def _slant(sightings: Sequence[Sighting]) -> float:
 
 
 def _calibrate(
-    sightings: Sequence[Sighting], size: tuple[int, int], coefficients: int
+    sightings: Sequence[BoardSighting], size: tuple[int, int], coefficients: int
 ) -> tuple[Points, Points, Points]:
     """Return fitted camera matrix, distortion, and each image's error in pixels."""
     boards = [sighting.board_m.astype(np.float32) for sighting in sightings]

@@ -11,7 +11,7 @@ import struct
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
-from wil_campaign.plugins.readings.messagepack import BadMessageError, Header
+from wil_campaign.plugins.readings.messagepack import BadMessageError, MessageHeader
 
 Decode = Callable[[bytes], "CompressedImage"]
 
@@ -56,7 +56,7 @@ def _protobuf(message: bytes) -> CompressedImage:
 
 def _json(message: bytes) -> CompressedImage:
     """Decode a compressed image in JSON (Foxglove)."""
-    header = Header.of(json.loads(message))
+    header = MessageHeader.of(json.loads(message))
     seconds = nanoseconds = 0
     if "timestamp" in header:
         stamp = header.header("timestamp")

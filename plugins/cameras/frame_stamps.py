@@ -10,7 +10,7 @@ from wil_campaign.vehicles.sources.camera_source import ImageChangedError, Sourc
 from wil_campaign.worlds.camera import Intrinsics
 
 
-class Stamper:
+class FrameStamper:
     """Stamps and numbers one camera's images; refuses those of another size.
 
     rate_hz: exposures a second, when the camera keeps it; then exposures that never arrived are
@@ -71,7 +71,7 @@ class Stamper:
         restarted: the sender restarted, so that the gap before the image counts no exposures. None
         for an image that is not newer than the last. Raises ImageChangedError.
         """
-        check_size(self._name, image_bgr, self._intrinsics)
+        check_frame_size(self._name, image_bgr, self._intrinsics)
         if self._last_s is not None and t_s <= self._last_s:
             self._skipped += 1
             return None
@@ -96,7 +96,7 @@ class Stamper:
         return by_time
 
 
-def check_size(name: str, image_bgr: BgrImage, intrinsics: Intrinsics) -> None:
+def check_frame_size(name: str, image_bgr: BgrImage, intrinsics: Intrinsics) -> None:
     """Raise ImageChangedError unless an image has the intrinsics' size."""
     height, width = image_bgr.shape[:2]
     if (width, height) == (intrinsics.width_px, intrinsics.height_px):
@@ -108,7 +108,7 @@ def check_size(name: str, image_bgr: BgrImage, intrinsics: Intrinsics) -> None:
     )
 
 
-def check_image(name: str, image_bgr: object) -> BgrImage:
+def checked_frame(name: str, image_bgr: object) -> BgrImage:
     """Return a decoded image as (height, width, 3) uint8. Raises SourceError for any other."""
     if (
         not isinstance(image_bgr, np.ndarray)
@@ -121,7 +121,7 @@ def check_image(name: str, image_bgr: object) -> BgrImage:
 
 
 def source_counts(
-    stamper: Stamper, *, delivered: int, dropped: int = 0, damaged: int = 0
+    stamper: FrameStamper, *, delivered: int, dropped: int = 0, damaged: int = 0
 ) -> SourceCounts:
     """Return the counts of a source that uses a stamper."""
     return SourceCounts(delivered, dropped, stamper.missed, damaged, stamper.restarts)

@@ -7,12 +7,12 @@ from typing import Any
 import av
 import cv2
 
-from wil_campaign.foundation.files.images import ImageError, check_pixels, read_image
+from wil_campaign.foundation.files.images import ImageError, check_image_size, read_image
 from wil_campaign.foundation.files.lfs import LFS_POINTER, is_lfs_file
 from wil_campaign.foundation.files.limits import MAX_IMAGE_PIXELS
 from wil_campaign.foundation.files.paths import is_file
 from wil_campaign.plugins.cameras.av_input import opening_error
-from wil_campaign.plugins.cameras.frame_stamps import check_image
+from wil_campaign.plugins.cameras.frame_stamps import checked_frame
 from wil_campaign.plugins.cameras.recorded_camera import RecordedImage
 from wil_campaign.vehicles.sources.camera_source import IMAGE_SUFFIXES, SourceError
 
@@ -88,7 +88,7 @@ class VideoFile:
 
     def _check_size(self, width_px: int, height_px: int) -> None:
         try:
-            check_pixels(width_px, height_px)
+            check_image_size(width_px, height_px)
         except ImageError as error:
             raise SourceError(f"{self.name}: cannot be decoded: {error}") from error
 
@@ -160,7 +160,7 @@ class ImageFolder:
             raise SourceError(
                 f"{path}: cannot be read as an image; remove it from the folder: {error}"
             ) from error
-        return RecordedImage(offset_s, check_image(str(path), image_bgr))
+        return RecordedImage(offset_s, checked_frame(str(path), image_bgr))
 
     def close(self) -> None:
         """Forget the list of image files."""

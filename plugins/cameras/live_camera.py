@@ -12,7 +12,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal, Protocol, Self
 
-from wil_campaign.plugins.cameras.frame_stamps import Stamper, source_counts
+from wil_campaign.plugins.cameras.frame_stamps import FrameStamper, source_counts
 from wil_campaign.vehicles.readings import BgrImage, CameraReading, Source
 from wil_campaign.vehicles.sources.arrival_clock import ArrivalClock
 from wil_campaign.vehicles.sources.camera_source import (
@@ -127,7 +127,7 @@ class LiveCamera:
         self._open_timeout_s = open_timeout_s
         self._stall_timeout_s = stall_timeout_s
         self._depth = depth
-        self._stamper = Stamper(
+        self._stamper = FrameStamper(
             name=name,
             side=side,
             intrinsics=intrinsics,

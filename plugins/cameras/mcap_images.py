@@ -14,18 +14,18 @@ from mcap.records import Channel, Chunk, Message, Schema
 from mcap.stream_reader import StreamReader
 from mcap.summary import Summary
 
-from wil_campaign.foundation.files.images import ImageError, decode_image
+from wil_campaign.foundation.files.images import ImageError, decode_image_file
 from wil_campaign.foundation.files.lfs import LFS_POINTER, is_lfs_file
 from wil_campaign.foundation.files.limits import MAX_CHUNK_BYTES
 from wil_campaign.plugins.cameras.compressed_image import Decode, decoder_for
-from wil_campaign.plugins.cameras.frame_stamps import check_image
+from wil_campaign.plugins.cameras.frame_stamps import checked_frame
 from wil_campaign.plugins.cameras.recorded_camera import RecordedImage
 from wil_campaign.plugins.readings.messagepack import BadMessageError
 from wil_campaign.vehicles.sources.camera_source import SourceError
 from wil_campaign.vehicles.sources.mcap_limits import (
     DAMAGED,
     RECORD_HEAD,
-    check_length,
+    check_record_length,
     chunk_records,
 )
 
@@ -134,7 +134,7 @@ class McapFile:
 
     def _decode_image(self, data: bytes, sequence: int) -> "np.ndarray[Any, np.dtype[np.uint8]]":
         try:
-            return check_image(self.name, decode_image(data))
+            return checked_frame(self.name, decode_image_file(data))
         except ImageError as error:
             raise SourceError(
                 f"{self.name}: the image of message {sequence} cannot be decoded: {error}"
@@ -179,7 +179,7 @@ def _messages(stream: IO[bytes], summary: Summary | None, topic: str) -> Iterato
             yield heappop(waiting)[2]
         stream.seek(index.chunk_start_offset)
         _, length = RECORD_HEAD.unpack(stream.read(RECORD_HEAD.size))
-        check_length(length)
+        check_record_length(length)
         for record in chunk_records(Chunk.read(ReadDataStream(BytesIO(stream.read(length))))):
             if isinstance(record, Message) and record.channel_id in channels:
                 heappush(waiting, (record.log_time, next(order), record))

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Protocol, Self
 
 from wil_campaign.foundation.clocks.sleeping import sleep_until
-from wil_campaign.plugins.cameras.frame_stamps import Stamper, check_size, source_counts
+from wil_campaign.plugins.cameras.frame_stamps import FrameStamper, check_frame_size, source_counts
 from wil_campaign.vehicles.readings import BgrImage, CameraReading, Source
 from wil_campaign.vehicles.sources.camera_source import SourceCounts, SourceError
 from wil_campaign.vehicles.sources.file_player import FilePlayer, PlayedFile
@@ -46,7 +46,7 @@ class RecordedCamera(FilePlayer[ImageFile]):
         self.intrinsics = intrinsics
         super().__init__(file)
         self._latency_s = latency_s
-        self._stamper = Stamper(name=file.name, side=side, intrinsics=intrinsics)
+        self._stamper = FrameStamper(name=file.name, side=side, intrinsics=intrinsics)
         self._next_image: RecordedImage | None = None
         self._start_s = 0.0
         self._delivered = 0
@@ -102,4 +102,4 @@ class RecordedCamera(FilePlayer[ImageFile]):
     def _check_first(self, first: RecordedImage | None) -> None:
         if first is None:
             raise SourceError(f"{self.name}: the recording has no image")
-        check_size(self.name, first.image_bgr, self.intrinsics)
+        check_frame_size(self.name, first.image_bgr, self.intrinsics)

@@ -11,8 +11,8 @@ from pathlib import Path
 from wil_campaign.campaigns.expansion.expansion import Campaign
 from wil_campaign.foundation.files.problems import Problem
 from wil_campaign.orchestrator.cli.markdown import markdown_table, markdown_text
-from wil_campaign.orchestrator.cli.standard_streams import err
-from wil_campaign.orchestrator.cli.verdict_table import MORE_ABOVE, conclusions, verdict_table
+from wil_campaign.orchestrator.cli.standard_streams import write_stderr
+from wil_campaign.orchestrator.cli.verdict_table import MORE_ABOVE, conclusion_lines, verdict_table
 from wil_campaign.orchestrator.run_results.campaign_results import Summary
 from wil_campaign.orchestrator.run_results.junit import junit_xml
 from wil_campaign.plugins.ci.repository_paths import repository_path
@@ -42,7 +42,7 @@ def tell_verdicts(campaign: Campaign, summary: Summary, folder: Path, *, arm: bo
             with Path(file).open("a", encoding="utf-8", errors="backslashreplace") as stream:
                 stream.write(summary_markdown(campaign, summary, folder))
         except OSError as error:
-            err(f"GITHUB_STEP_SUMMARY: {file}: {error.strerror or error}")
+            write_stderr(f"GITHUB_STEP_SUMMARY: {file}: {error.strerror or error}")
 
 
 def summary_markdown(campaign: Campaign, summary: Summary, folder: Path) -> str:
@@ -50,7 +50,7 @@ def summary_markdown(campaign: Campaign, summary: Summary, folder: Path) -> str:
     columns = verdict_table(summary, campaign.requirements).columns
     head = [str(column.header).replace("\n", " ") for column in columns]
     rows = zip(*(map(str, column.cells) for column in columns), strict=True)
-    *lines, last = (line.plain for line in conclusions(summary, campaign.requirements))
+    *lines, last = (line.plain for line in conclusion_lines(summary, campaign.requirements))
     listed = [f"- {_shortened(line)}" for line in lines[:_LINES]]
     if len(lines) > _LINES:
         listed.append(f"- and {len(lines) - _LINES} lines more in the job's log")
@@ -110,9 +110,9 @@ def _annotate(kind: str, found: list[tuple[dict[str, str], str]]) -> None:
     shown = found if len(found) <= _SHOWN else found[: _SHOWN - 1]
     for place, text in shown:
         properties = ",".join(f"{name}={_property(value)}" for name, value in place.items())
-        err(f"::{kind} {properties}::{_data(text)}")
+        write_stderr(f"::{kind} {properties}::{_data(text)}")
     if more := len(found) - len(shown):
-        err(f"::{kind} title=wil-campaign::and {more} more: see the log of this step")
+        write_stderr(f"::{kind} title=wil-campaign::and {more} more: see the log of this step")
 
 
 def _data(text: str) -> str:

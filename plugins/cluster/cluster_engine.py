@@ -7,10 +7,10 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from wil_campaign.campaigns.expansion.expansion import Campaign
-from wil_campaign.orchestrator.campaign.flight_options import Cleared, FlightOptions
+from wil_campaign.orchestrator.campaign.flight_options import ClearedCampaign, FlightOptions
 from wil_campaign.orchestrator.campaign.workers.run_engine import EngineError
-from wil_campaign.orchestrator.cli.clock_choice import shared_of
-from wil_campaign.orchestrator.cli.standard_streams import err
+from wil_campaign.orchestrator.cli.clock_choice import shared_resources_of
+from wil_campaign.orchestrator.cli.standard_streams import write_stderr
 from wil_campaign.plugins.cluster.ray_engine import engine_address, ray_engine
 from wil_campaign.plugins.cluster.store import Store, StoreRefusedError, open_store
 
@@ -19,25 +19,25 @@ from wil_campaign.plugins.cluster.store import Store, StoreRefusedError, open_st
 def cluster_engine(
     campaign: Campaign,
     options: FlightOptions,
-    cleared: Cleared,
+    cleared: ClearedCampaign,
     *,
     store: Store | None,
     runs: int,
     again: bool,
-) -> Iterator[Cleared]:
+) -> Iterator[ClearedCampaign]:
     """Start Ray, or join a cluster; yield the clearance to fly `runs` there.
 
     again: the engine flies further campaigns. Raises EngineError.
     """
     address = engine_address(options.engine)
     # A cluster has more cores than this machine.
-    is_open = address is not None and options.jobs is None and not shared_of(campaign)
+    is_open = address is not None and options.jobs is None and not shared_resources_of(campaign)
     count = None if is_open else min(cleared.jobs, runs)
     cores = 1 if cleared.clock == "virtual" else 2
     with (
         results_store(store, address) as through,
         ray_engine(
-            address, jobs=count, cores=cores, store=through, keeps_agents=again, say=err
+            address, jobs=count, cores=cores, store=through, keeps_agents=again, say=write_stderr
         ) as engine,
     ):
         yield replace(cleared, engine=engine, jobs=engine.places)

@@ -85,10 +85,10 @@ class NodeAgent(PipeAgent):
     def close(self) -> None:
         """End the process, after its run has landed."""
         super().close()
-        await_end(self.pid)
+        await_process_end(self.pid)
 
 
-def await_end(pid: int, limit_s: float | None = None) -> bool:
+def await_process_end(pid: int, limit_s: float | None = None) -> bool:
     """Wait until a process has ended, also one that is no child; return whether it has in time."""
     try:
         handle = os.pidfd_open(pid)

@@ -8,11 +8,16 @@ from typing import TypeVar
 
 import msgspec
 
-from wil_campaign.foundation.files.yaml_nodes import Entry, Node, Place, Source
-from wil_campaign.foundation.processes.codec import Codec, Message, MessageError, Plain
+from wil_campaign.foundation.files.yaml_nodes import YamlEntry, YamlNode, YamlPlace, YamlSource
+from wil_campaign.foundation.processes.codec import (
+    MessageCodec,
+    Plain,
+    ProcessMessage,
+    ProcessMessageError,
+)
 from wil_campaign.orchestrator.campaign.workers.run_order import map_documents
 from wil_campaign.orchestrator.campaign.workers.run_workers import WorkerLost
-from wil_campaign.orchestrator.operator.run_messages import Happening, News, Progress
+from wil_campaign.orchestrator.operator.run_messages import News, RunEventReport, RunProgressReport
 from wil_campaign.orchestrator.run_results.campaign_results import VehicleKind
 from wil_campaign.orchestrator.run_results.run_result import RunResult
 from wil_campaign.orchestrator.state.run_setup import RunOrder
@@ -26,13 +31,13 @@ class DamagedMessageError(OSError):
     """Bytes between the machines of a cluster that are no message; says why."""
 
 
-class NodeFacts(Message, frozen=True):
+class NodeFacts(ProcessMessage, frozen=True):
     """The first message of a node: what its machine and its programs are, by `node_facts`."""
 
     facts: dict[str, str]
 
 
-class CampaignBrought(Message, frozen=True):
+class CampaignBrought(ProcessMessage, frozen=True):
     """A campaign for a node. folder: of its results on the campaign's machine, absolute.
 
     session: which start of the campaign this is, as the ledger in that folder says. store: the URL
@@ -46,13 +51,13 @@ class CampaignBrought(Message, frozen=True):
     place: str
 
 
-class CampaignAnswer(Message, frozen=True):
+class CampaignAnswer(ProcessMessage, frozen=True):
     """The node has unpacked the campaign; problem: why it cannot fly it, "" where it can."""
 
     problem: str = ""
 
 
-class RunOrdered(Message, frozen=True):
+class RunOrdered(ProcessMessage, frozen=True):
     """A run to be flown on the node. place: its own in the store.
 
     sources: the YAML texts of the order's documents, while the message is bytes: each value of a
@@ -61,34 +66,34 @@ class RunOrdered(Message, frozen=True):
 
     order: RunOrder
     place: str
-    sources: tuple[Source, ...] = ()
+    sources: tuple[YamlSource, ...] = ()
 
 
-class CommandSent(Message, frozen=True):
+class CommandSent(ProcessMessage, frozen=True):
     """An operator's command for the run on the node."""
 
     command: OperatorCommand
 
 
-class RunProgress(Message, frozen=True):
+class NodeRunProgress(ProcessMessage, frozen=True):
     """The progress of the run on the node."""
 
-    news: Progress
+    news: RunProgressReport
 
 
-class RunHappening(Message, frozen=True):
+class NodeRunHappening(ProcessMessage, frozen=True):
     """An event of the run on the node."""
 
-    news: Happening
+    news: RunEventReport
 
 
-class RunSending(Message, frozen=True):
+class RunSending(ProcessMessage, frozen=True):
     """A node sends the files of a run to the store. files: how many it has sent so far."""
 
     files: int
 
 
-class RunTaken(Message, frozen=True):
+class RunTaken(ProcessMessage, frozen=True):
     """The campaign's machine is done with a run in the store. is_there: it has all of its files.
 
     place: the run's in the store.
@@ -98,7 +103,7 @@ class RunTaken(Message, frozen=True):
     is_there: bool
 
 
-class RunEnded(Message, frozen=True):
+class RunEnded(ProcessMessage, frozen=True):
     """A run on the node has ended: with a result, or lost without one.
 
     sha256: of its result.json; "" where it wrote none. end_text: what was wrong with the end of its
@@ -132,7 +137,7 @@ class RunEnded(Message, frozen=True):
         return self.result or self.lost or WorkerLost("its node reports an end without a result")
 
 
-class ConsentAsked(Message, frozen=True):
+class ConsentAsked(ProcessMessage, frozen=True):
     """A campaign requests to fly on the bench. runs: how many. arm: False for --no-arm.
 
     place: the machine and the user that request it.
@@ -144,7 +149,7 @@ class ConsentAsked(Message, frozen=True):
     place: str
 
 
-class ConsentAnswer(Message, frozen=True):
+class ConsentAnswer(ProcessMessage, frozen=True):
     """The bench's answer. problem: why nothing is flown, "" where it may; code: of exit.
 
     real_kind: what the vehicle is. hardware: its name where it is no simulation. vehicle: the
@@ -160,13 +165,19 @@ class ConsentAnswer(Message, frozen=True):
 
 ToNode = CampaignBrought | RunOrdered | RunTaken | CommandSent | ConsentAsked
 ToCampaign = (
-    NodeFacts | CampaignAnswer | RunProgress | RunHappening | RunSending | RunEnded | ConsentAnswer
+    NodeFacts
+    | CampaignAnswer
+    | NodeRunProgress
+    | NodeRunHappening
+    | RunSending
+    | RunEnded
+    | ConsentAnswer
 )
 
 _PLAIN: Plain = {Path: (os.fsencode, lambda name: Path(os.fsdecode(name)))}
 """Paths are bytes: names of files need not be UTF-8."""
-_to_node: Codec[ToNode] = Codec(ToNode, plain=_PLAIN)
-_to_campaign: Codec[ToCampaign] = Codec(ToCampaign, plain=_PLAIN)
+_to_node: MessageCodec[ToNode] = MessageCodec(ToNode, plain=_PLAIN)
+_to_campaign: MessageCodec[ToCampaign] = MessageCodec(ToCampaign, plain=_PLAIN)
 
 
 def encode_to_node(message: ToNode) -> bytes:
@@ -176,7 +187,9 @@ def encode_to_node(message: ToNode) -> bytes:
             _detach_sources(message) if isinstance(message, RunOrdered) else message
         )
     except (OverflowError, UnicodeEncodeError) as error:
-        raise MessageError(f"a value of the campaign cannot be sent to a node: {error}") from error
+        raise ProcessMessageError(
+            f"a value of the campaign cannot be sent to a node: {error}"
+        ) from error
 
 
 def decode_to_node(content: bytes) -> ToNode:
@@ -213,31 +226,31 @@ def decode_facts(content: bytes) -> dict[str, str]:
     return message.facts
 
 
-def news_message(news: News) -> RunProgress | RunHappening:
+def news_message(news: News) -> NodeRunProgress | NodeRunHappening:
     """Return the message for news of a run."""
-    return RunProgress(news) if isinstance(news, Progress) else RunHappening(news)
+    return NodeRunProgress(news) if isinstance(news, RunProgressReport) else NodeRunHappening(news)
 
 
-def _decode(codec: Codec[Decoded], content: bytes) -> Decoded:
+def _decode(codec: MessageCodec[Decoded], content: bytes) -> Decoded:
     """Return the message in bytes. Raises DamagedMessageError."""
     try:
         return codec.decode(content)
-    except MessageError as error:
+    except ProcessMessageError as error:
         raise DamagedMessageError(str(error)) from error
 
 
 def _detach_sources(ordered: RunOrdered) -> RunOrdered:
     """Return an order in whose documents each source is its index among `sources`."""
-    indices: dict[int, tuple[Source, Source]] = {}
+    indices: dict[int, tuple[YamlSource, YamlSource]] = {}
 
-    def index_of(source: Source) -> Source:
-        return indices.setdefault(id(source), (Source(str(len(indices))), source))[0]
+    def index_of(source: YamlSource) -> YamlSource:
+        return indices.setdefault(id(source), (YamlSource(str(len(indices))), source))[0]
 
     order = _map_sources(ordered.order, index_of)
     return RunOrdered(order, ordered.place, tuple(_named(source) for _, source in indices.values()))
 
 
-def _named(source: Source) -> Source:
+def _named(source: YamlSource) -> YamlSource:
     """Return a source with a name that UTF-8 can hold: files need not have one, and it is read."""
     return replace(source, name=source.name.encode(errors="replace").decode())
 
@@ -249,15 +262,16 @@ def _attach_sources(ordered: RunOrdered) -> RunOrdered:
     return RunOrdered(order, ordered.place)
 
 
-def _map_sources(order: RunOrder, change: Callable[[Source], Source]) -> RunOrder:
-    def of_place(place: Place) -> Place:
+def _map_sources(order: RunOrder, change: Callable[[YamlSource], YamlSource]) -> RunOrder:
+    def of_place(place: YamlPlace) -> YamlPlace:
         return replace(place, source=change(place.source))
 
-    def of_node(node: Node) -> Node:
+    def of_node(node: YamlNode) -> YamlNode:
         value = node.value
         if isinstance(value, dict):
             value = {
-                key: Entry(of_place(entry.key), of_node(entry.node)) for key, entry in value.items()
+                key: YamlEntry(of_place(entry.key), of_node(entry.node))
+                for key, entry in value.items()
             }
         elif isinstance(value, tuple):
             value = tuple(map(of_node, value))

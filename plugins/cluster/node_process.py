@@ -51,7 +51,7 @@ from wil_campaign.plugins.cluster.node_messages import (
     news_message,
 )
 from wil_campaign.plugins.cluster.node_results import StoredResults, node_results
-from wil_campaign.plugins.cluster.threads import in_thread
+from wil_campaign.plugins.cluster.threads import call_in_daemon_thread
 from wil_campaign.plugins.cluster.travelling_files import (
     DamagedFileError,
     different_in_place,
@@ -117,7 +117,7 @@ class NodeRuns:
         except OSError as error:
             return f"its run server cannot be started: {error}"
         for problem_of in (results.problem, partial(different_in_place, campaign.files)):
-            if problem := await in_thread(problem_of):
+            if problem := await call_in_daemon_thread(problem_of):
                 return problem
         try:
             unpack_files(campaign.files, self._home)
@@ -134,7 +134,7 @@ class NodeRuns:
         results = self._results
         if results is None:
             return RunEnded.of(WorkerLost("the node has no campaign"))
-        order = await in_thread(lambda: results.begin(ordered))
+        order = await call_in_daemon_thread(lambda: results.begin(ordered))
         if isinstance(order, RunEnded):
             return order
         worker = await self._workers.start()
@@ -162,7 +162,7 @@ class NodeRuns:
             nonlocal sent
             sent = files
 
-        sending = in_thread(lambda: results.end(ordered, outcome, count))
+        sending = call_in_daemon_thread(lambda: results.end(ordered, outcome, count))
         while not sending.done():
             await asyncio.wait([sending], timeout=_REPORT_S)
             if not sending.done():
@@ -198,7 +198,7 @@ class NodeRuns:
                     continue
                 worker.send(message.command)
                 if message.command.kind == "abort":
-                    in_thread(partial(tell_guards, folder, message.command.who))
+                    call_in_daemon_thread(partial(tell_guards, folder, message.command.who))
         except (EOFError, OSError):
             worker.send(OperatorCommand("abort", "the node: its cluster is gone"))
             await asyncio.sleep(_LANDED_S)
@@ -227,7 +227,7 @@ class NodeRuns:
         """
         await self._await_sent()
         if not self._is_sending:
-            self._sending = in_thread(partial(self._write, encode_to_campaign(message)))
+            self._sending = call_in_daemon_thread(partial(self._write, encode_to_campaign(message)))
             await self._await_sent()
 
     @property

@@ -24,9 +24,9 @@ from wil_campaign.plugins.cluster.store import Store, StoreError, StoreRefusedEr
 from wil_campaign.plugins.cluster.stored_runs import (
     RESULT_FILE,
     begin_run,
-    digest_of,
     read_session,
     send_run,
+    stored_file_digest,
 )
 
 GIVEN_UP = "the campaign's machine has given up the run"
@@ -119,6 +119,6 @@ def node_results(campaign: CampaignBrought) -> StoredResults | str:
 def _digest(folder: Path) -> str:
     """Return the SHA-256 of a run's result; "" where there is none."""
     try:
-        return digest_of(folder / RESULT_FILE)
+        return stored_file_digest(folder / RESULT_FILE)
     except OSError:
         return ""

@@ -99,7 +99,7 @@ class HiredAgent:
             raise EOFError(str(error)) from error
 
 
-class Hire:
+class AgentHire:
     """A request for an agent, which is up once the cluster has a place for it.
 
     ray: the module. cores: the CPUs of a node that a run takes.
@@ -178,7 +178,7 @@ def hire_agents(
     cores: the CPUs of a node that a run takes. say: called with what is waited for. Raises
     EngineError, also where there is no place for any agent.
     """
-    hires = [Hire(ray, cores) for _ in range(count)]
+    hires = [AgentHire(ray, cores) for _ in range(count)]
     try:
         up = _await_hires(ray, hires, cores, say)
         agents = [one.agent() for one in up]
@@ -195,8 +195,8 @@ def hire_agents(
 
 
 def _await_hires(
-    ray: Any, hires: Sequence[Hire], cores: int, say: Callable[[str], None]
-) -> list[Hire]:
+    ray: Any, hires: Sequence[AgentHire], cores: int, say: Callable[[str], None]
+) -> list[AgentHire]:
     """Return the requests with an answer, once all have one or after HIRED_S.
 
     Raises EngineError where none has.

@@ -17,9 +17,9 @@ from typing import Any
 
 from wil_campaign.campaigns.expansion.expansion import Campaign
 from wil_campaign.orchestrator.campaign.folder.manifest import (
+    files_read_by_campaign,
     maybe_written_files,
     naming_documents,
-    read_files,
 )
 from wil_campaign.orchestrator.campaign.folder.named_files import files_in_place, named_files
 from wil_campaign.orchestrator.campaign.resuming.cluster_ledger import (
@@ -38,7 +38,7 @@ from wil_campaign.plugins.cluster.node_messages import CampaignAnswer, CampaignB
 from wil_campaign.plugins.cluster.ray_agents import (
     HIRED_S,
     REPORT_S,
-    Hire,
+    AgentHire,
     HiredAgent,
     NodeRefusedError,
     hire_agents,
@@ -95,7 +95,7 @@ class RayEngine:
             place = self._place(campaign, home, session)
             ledger = RunLedger(home, session, place)
             files = pack_files(
-                read_files(campaign), _search_path(), files_named_absolutely(campaign)
+                files_read_by_campaign(campaign), _search_path(), files_named_absolutely(campaign)
             )
         except OSError as error:
             raise EngineError(f"the campaign cannot be sent to the nodes: {error}") from error
@@ -240,7 +240,7 @@ class RayWorkers:
                 f"bench {engine.bench} is lost and no further runs are flown: check its vehicle, "
                 "then start again with --resume"
             )
-        hire = Hire(engine.ray, engine.cores)
+        hire = AgentHire(engine.ray, engine.cores)
         try:
             await self._await_hire(hire)
         except BaseException:
@@ -248,7 +248,7 @@ class RayWorkers:
             raise
         return hire.agent()
 
-    async def _await_hire(self, hire: Hire) -> None:
+    async def _await_hire(self, hire: AgentHire) -> None:
         """Wait until an agent is up. Raises EngineError."""
         engine, loop = self._engine, asyncio.get_running_loop()
         up = asyncio.Event()

@@ -4,7 +4,7 @@ import asyncio
 from collections import deque
 from collections.abc import Callable
 
-from wil_campaign.foundation.processes.codec import MessageError
+from wil_campaign.foundation.processes.codec import ProcessMessageError
 from wil_campaign.orchestrator.campaign.resuming.cluster_ledger import RunLedger
 from wil_campaign.orchestrator.campaign.workers.run_engine import EngineError
 from wil_campaign.orchestrator.campaign.workers.run_order import resolve_order
@@ -14,17 +14,17 @@ from wil_campaign.orchestrator.run_results.run_result import RunResult
 from wil_campaign.orchestrator.state.run_setup import RunOrder
 from wil_campaign.plugins.cluster.node_messages import (
     CommandSent,
+    NodeRunHappening,
+    NodeRunProgress,
     RunEnded,
-    RunHappening,
     RunOrdered,
-    RunProgress,
     RunTaken,
     ToCampaign,
     encode_to_node,
 )
 from wil_campaign.plugins.cluster.ray_agents import HiredAgent
 from wil_campaign.plugins.cluster.returned_results import LANDED_S, FetchedResults
-from wil_campaign.plugins.cluster.threads import in_thread
+from wil_campaign.plugins.cluster.threads import call_in_daemon_thread
 from wil_campaign.safety.guard.core.operator_command import OperatorCommand
 
 _REPORT_S = 5.0
@@ -64,7 +64,7 @@ class RayWorker:
         self._place = self._results.new_place(self._order)
         try:
             packet = encode_to_node(RunOrdered(self._order, self._place))
-        except MessageError as error:
+        except ProcessMessageError as error:
             raise EngineError(f"{order.plan.name}: {error}", 2) from error
         self._ledger.write("ordered", order.plan.name, self._agent.node, place=self._place)
         await self._agent.send_packet(packet)
@@ -78,7 +78,7 @@ class RayWorker:
             if not self._messages:
                 self._messages.extend(await self._agent.receive())
             message = self._messages.popleft()
-            if isinstance(message, RunProgress | RunHappening):
+            if isinstance(message, NodeRunProgress | NodeRunHappening):
                 return message.news
             if not isinstance(message, RunEnded):
                 return message
@@ -92,7 +92,7 @@ class RayWorker:
         """Pass an operator's command on to the run."""
         try:
             self._agent.send_soon(CommandSent(command))
-        except MessageError as error:
+        except ProcessMessageError as error:
             self._say(f"{command.kind} was not passed on to node {self._agent.node}: {error}")
 
     def kill(self) -> None:
@@ -110,7 +110,7 @@ class RayWorker:
         if order is None:
             return WorkerLost(why)
         self._say(f"{order.plan.name}: {why}; waiting up to {LANDED_S:g} s until it has landed")
-        result = await in_thread(lambda: self._results.of_lost(order, self._place))
+        result = await call_in_daemon_thread(lambda: self._results.of_lost(order, self._place))
         if isinstance(result, RunResult) and result.verdict != "ABORTED":
             self._ledger.write("found", order.plan.name, self._agent.node, result.verdict)
             return result
@@ -128,10 +128,10 @@ class RayWorker:
         self._end_text = ended.end_text
         order = self._order
         if order is None:
-            return in_thread(
+            return call_in_daemon_thread(
                 lambda: WorkerLost("the node reports the end of a run that was not ordered")
             )
-        return in_thread(lambda: self._results.of_ended(order, self._place, ended))
+        return call_in_daemon_thread(lambda: self._results.of_ended(order, self._place, ended))
 
     async def _confirm_end(self, outcome: RunResult | WorkerLost) -> RunResult | WorkerLost:
         """Write a run's outcome to the ledger, and confirm to the node that it has arrived.

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from wil_campaign.orchestrator.campaign.workers.run_workers import WorkerLost
-from wil_campaign.orchestrator.run_results.attempts import failed_too
+from wil_campaign.orchestrator.run_results.attempts import failed_too_text
 from wil_campaign.orchestrator.run_results.result_reader import ResultError, read_result
 from wil_campaign.orchestrator.run_results.run_result import RunResult
 from wil_campaign.orchestrator.state.run_setup import RunOrder
@@ -14,8 +14,8 @@ from wil_campaign.plugins.cluster.store import Store, StoreError
 from wil_campaign.plugins.cluster.stored_runs import (
     RESULT_FILE,
     await_run,
-    digest_of,
     fetch_run,
+    stored_file_digest,
 )
 
 LANDED_S = 120.0
@@ -51,7 +51,7 @@ class FetchedResults:
                 return ended.outcome
             if not is_there:
                 why = f"{self.store.url}/{place} no longer has its files"
-            elif digest_of(path) != ended.sha256:
+            elif stored_file_digest(path) != ended.sha256:
                 why = f"{path} is not the file that the node wrote: its SHA-256 differs"
             else:
                 return ended.outcome
@@ -81,4 +81,4 @@ class FetchedResults:
 
 def _known_failure(result: RunResult) -> str:
     """Return why a run is not flown again though its files are lost; "" where it may be."""
-    return failed_too(result.reason) if result.verdict == "FAIL" else result.no_retry
+    return failed_too_text(result.reason) if result.verdict == "FAIL" else result.no_retry

@@ -68,7 +68,7 @@ def send_run(store: Store, place: str, folder: Path, sent: Callable[[int], None]
     files: dict[str, dict[str, object]] = {}
     for number, path in enumerate(paths, start=1):
         name = path.relative_to(folder).as_posix()
-        files[name] = {"sha256": digest_of(path), "size": path.stat().st_size}
+        files[name] = {"sha256": stored_file_digest(path), "size": path.stat().st_size}
         store.upload(f"{place}/{name}", path)
         sent(number)
     store.write(f"{place}/{_SENT}", json.dumps({"files": files}).encode())
@@ -116,7 +116,7 @@ def await_run(store: Store, place: str, folder: Path, *, landed_s: float, begun_
     return ""
 
 
-def digest_of(path: Path) -> str:
+def stored_file_digest(path: Path) -> str:
     """Return the SHA-256 of a file in hex. Raises OSError."""
     digest = hashlib.sha256()
     with path.open("rb") as stream:
@@ -160,7 +160,7 @@ def _fetch_file(store: Store, name: str, path: Path, wanted: _SentFile) -> None:
     try:
         for _ in range(store.limits.tries):
             store.download(name, part, wanted.size)
-            if digest_of(part) == wanted.sha256:
+            if stored_file_digest(part) == wanted.sha256:
                 _sync(part)
                 part.replace(path)
                 return

@@ -8,7 +8,7 @@ from typing import TypeVar
 T = TypeVar("T")
 
 
-def in_thread(call: Callable[[], T]) -> "asyncio.Future[T]":
+def call_in_daemon_thread(call: Callable[[], T]) -> "asyncio.Future[T]":
     """Return the future result of a call; a hanging call does not keep the process alive."""
     loop = asyncio.get_running_loop()
     future: asyncio.Future[T] = loop.create_future()

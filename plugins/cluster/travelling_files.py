@@ -12,12 +12,12 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from wil_campaign.orchestrator.campaign.folder.named_files import (
-    as_used,
+    path_as_used,
     with_companions,
 )
 from wil_campaign.orchestrator.campaign.workers.run_order import map_documents
 from wil_campaign.orchestrator.state.run_setup import RunOrder
-from wil_campaign.plugins.cluster.stored_runs import digest_of
+from wil_campaign.plugins.cluster.stored_runs import stored_file_digest
 
 
 class DamagedFileError(Exception):
@@ -64,8 +64,8 @@ def pack_files(
     search_path: `sys.path` of this process; only folders above one of the files are kept. in_place:
     files that are named absolutely, as named and as they are here.
     """
-    packed = tuple(_pack_file(path) for path in with_companions(map(as_used, paths)))
-    folders = dict.fromkeys(as_used(Path(entry)) for entry in search_path)
+    packed = tuple(_pack_file(path) for path in with_companions(map(path_as_used, paths)))
+    folders = dict.fromkeys(path_as_used(Path(entry)) for entry in search_path)
     needed = [
         folder for folder in folders if any(file.path.is_relative_to(folder) for file in packed)
     ]
@@ -78,7 +78,7 @@ def different_in_place(sent: TravellingFiles) -> str:
     """Return which file that is named absolutely is another one on this machine; "" for none."""
     for file in sent.in_place:
         try:
-            same = digest_of(file.name.expanduser()) == file.sha256
+            same = stored_file_digest(file.name.expanduser()) == file.sha256
         except (OSError, RuntimeError):
             same = False
         if not same:

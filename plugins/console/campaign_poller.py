@@ -5,9 +5,9 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any, Self
 
-from wil_campaign.foundation.files.limited_json import read_json
-from wil_campaign.orchestrator.operator.campaign_records import Place
-from wil_campaign.orchestrator.operator.socket_client import NoAnswerError, ask
+from wil_campaign.foundation.files.limited_json import read_limited_json
+from wil_campaign.orchestrator.operator.campaign_records import OperatorPlace
+from wil_campaign.orchestrator.operator.socket_client import NoAnswerError, ask_operator_socket
 from wil_campaign.plugins.console.flight_scope import FlightScope
 
 POLL_S = 0.5
@@ -88,11 +88,11 @@ class CampaignPoller:
         return self._planned[folder]
 
 
-def _status(place: Place) -> dict[str, Any]:
+def _status(place: OperatorPlace) -> dict[str, Any]:
     """Return the status of a campaign or a guard; only its name and folder if it is silent."""
     known: dict[str, Any] = {"name": place.name, "folder": str(place.folder)}
     try:
-        answer = ask(place.socket, "status", who=_WHO)
+        answer = ask_operator_socket(place.socket, "status", who=_WHO)
     except NoAnswerError as error:
         return {**known, "is_answering": False, "problem": str(error)}
     status = {key: one for key, one in answer.items() if key not in {"ok", "text", "command"}}
@@ -121,7 +121,7 @@ def _list(document: Mapping[str, Any], key: str) -> list[dict[str, Any]]:
 def _document(path: Path) -> dict[str, Any]:
     """Return a JSON document of a results folder; empty if it is unreadable."""
     try:
-        found = read_json(path)
+        found = read_limited_json(path)
     except (OSError, ValueError):
         return {}
     return found if isinstance(found, dict) else {}

@@ -20,7 +20,7 @@ _TOKEN_BYTES = 24
 
 
 @dataclass(frozen=True, slots=True)
-class Session:
+class ConsoleSession:
     """A session of a console's page. number: in the order of arrival; name: of the person."""
 
     key: str
@@ -41,9 +41,9 @@ class ConsoleAccess:
     ) -> None:
         self._new_token = new_token
         self._tokens: dict[str, Role] = {}
-        self._sessions: dict[str, Session] = {}
+        self._sessions: dict[str, ConsoleSession] = {}
         self._count = 0
-        self.in_control: Session | None = None
+        self.in_control: ConsoleSession | None = None
 
     def invite(self, role: Role) -> str:
         """Return a new one-time token for a link."""
@@ -53,7 +53,7 @@ class ConsoleAccess:
         self._tokens[token] = role
         return token
 
-    def begin(self, token: str, name: str) -> Session:
+    def begin(self, token: str, name: str) -> ConsoleSession:
         """Exchange a one-time token for a new session. Raises AccessError."""
         known = next((one for one in self._tokens if _is_same(one, token)), None)
         if known is None:
@@ -65,26 +65,26 @@ class ConsoleAccess:
             raise AccessError(f"{MAX_SESSIONS} sessions are open already; restart the console")
         role = self._tokens.pop(known)
         self._count += 1
-        session = Session(self._new_token(), self._count, role, name)
+        session = ConsoleSession(self._new_token(), self._count, role, name)
         self._sessions[session.key] = session
         if role == "operator" and self.in_control is None:
             self.in_control = session
         return session
 
-    def session(self, key: str) -> Session:
+    def session(self, key: str) -> ConsoleSession:
         """Return the session of a cookie. Raises AccessError."""
         for known, session in self._sessions.items():
             if _is_same(known, key):
                 return session
         raise AccessError("no session: open the link that the terminal shows")
 
-    def take_control(self, session: Session) -> None:
+    def take_control(self, session: ConsoleSession) -> None:
         """Give control to an operator's session, whichever session had it. Raises AccessError."""
         if session.role != "operator":
             raise AccessError("a viewer cannot take control: open an operator's link")
         self.in_control = session
 
-    def require_command(self, session: Session, kind: OperatorKind) -> None:
+    def require_command(self, session: ConsoleSession, kind: OperatorKind) -> None:
         """Raise AccessError unless a session may give a command now."""
         if session.role != "operator":
             raise AccessError(f"{kind}: a viewer cannot command: open an operator's link")

@@ -17,7 +17,7 @@ class ConsoleError(LiveViewError):
     """A console cannot be opened; the message says why, and what to do."""
 
 
-class OptionError(ConsoleError):
+class ConsoleOptionError(ConsoleError):
     """The address of a console, or the text of `--console`, is wrong."""
 
     code = 2
@@ -39,7 +39,9 @@ class ConsoleAddress:
         found = _ADDRESS.fullmatch(text)
         port = int((found and found["port"]) or port)
         if found is None or port > _MAX_PORT:
-            raise OptionError(f"{text!r} is not a console address: give HOST, :PORT or HOST:PORT")
+            raise ConsoleOptionError(
+                f"{text!r} is not a console address: give HOST, :PORT or HOST:PORT"
+            )
         return cls((found["host"] or _LOOPBACK[0]).strip("[]"), port)
 
     @property
@@ -89,16 +91,16 @@ class RequestRules:
             raise AccessError(f"Origin {origin[:80]!r} is not this console")
 
 
-def require_safe(address: ConsoleAddress, *, tls: bool) -> None:
+def require_safe_console_address(address: ConsoleAddress, *, tls: bool) -> None:
     """Raise OptionError for an address that other machines reach, unless TLS protects it."""
     if not address.is_loopback and not tls:
-        raise OptionError(
+        raise ConsoleOptionError(
             f"{address.host} can be reached by other machines: the console needs a certificate "
             "(--tls-cert and --tls-key; of `run`: --console ADDRESS,CERTIFICATE,KEY); or give it a "
             "loopback address"
         )
     if address.host in {"0.0.0.0", "::"}:  # noqa: S104 - refused here
-        raise OptionError(
+        raise ConsoleOptionError(
             f"{address.host} is not an address that a browser can open: give the one address or "
             "host name of the console"
         )

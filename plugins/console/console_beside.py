@@ -6,8 +6,8 @@ from contextlib import contextmanager
 from wil_campaign.plugins.console.console_address import (
     ConsoleAddress,
     ConsoleError,
-    OptionError,
-    require_safe,
+    ConsoleOptionError,
+    require_safe_console_address,
 )
 from wil_campaign.plugins.console.process_beside import process_beside
 
@@ -26,9 +26,9 @@ def server_options(text: str) -> tuple[str, ...]:
     """
     given, *tls = text.split(",")
     if tls and (len(tls) != 2 or not all(tls)):
-        raise OptionError(f"--console {text}: give ADDRESS, or ADDRESS,CERTIFICATE,KEY")
+        raise ConsoleOptionError(f"--console {text}: give ADDRESS, or ADDRESS,CERTIFICATE,KEY")
     address = LOOPBACK if given == AUTO else given
-    require_safe(ConsoleAddress.parse(address), tls=bool(tls))
+    require_safe_console_address(ConsoleAddress.parse(address), tls=bool(tls))
     files = ("--tls-cert", tls[0], "--tls-key", tls[1]) if tls else ()
     return ("--address", address, *files)
 

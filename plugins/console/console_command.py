@@ -11,10 +11,10 @@ from wil_campaign.orchestrator.cli.live_views import views_beside
 from wil_campaign.orchestrator.cli.plugin_options import (
     NO_OPTIONS,
     PluginOptions,
-    given,
+    given_options,
     takes_options,
 )
-from wil_campaign.orchestrator.cli.standard_streams import err, out
+from wil_campaign.orchestrator.cli.standard_streams import write_stderr, write_stdout
 from wil_campaign.orchestrator.recording.errors import RecordingError
 from wil_campaign.plugins.console.console_address import ConsoleAddress
 from wil_campaign.plugins.console.console_process import ConsoleSettings, serve_console
@@ -55,14 +55,16 @@ def console(
         The playback speed of a finished run; 1.0 is the speed of the flight. The page changes it.
     """
     if (tls_cert is None) != (tls_key is None):
-        err("--tls-cert and --tls-key go together")
+        write_stderr("--tls-cert and --tls-key go together")
         return 2
     if not SLOWEST <= speed <= FASTEST:
-        err(f"--speed is between {SLOWEST} and {FASTEST}")
+        write_stderr(f"--speed is between {SLOWEST} and {FASTEST}")
         return 2
     recorded = _recorded(folder)
-    if recorded is not None and (wanted := next(iter(given(views)), "")):
-        err(f"--{wanted} shows runs in flight only: open {recorded / _RECORDING} in Foxglove")
+    if recorded is not None and (wanted := next(iter(given_options(views)), "")):
+        write_stderr(
+            f"--{wanted} shows runs in flight only: open {recorded / _RECORDING} in Foxglove"
+        )
         return 2
     try:
         settings = ConsoleSettings(
@@ -72,13 +74,13 @@ def console(
             speed=speed,
             tls=None if tls_cert is None or tls_key is None else (tls_cert, tls_key),
         )
-        with views_beside(views, out, folder=folder):
-            asyncio.run(serve_console(settings, out, beside=beside))
+        with views_beside(views, write_stdout, folder=folder):
+            asyncio.run(serve_console(settings, write_stdout, beside=beside))
     except RecordingError as error:
-        err(error)
+        write_stderr(error)
         return _UNAVAILABLE
     except LiveViewError as error:
-        err(error)
+        write_stderr(error)
         return error.code
     return 0
 

@@ -22,7 +22,7 @@ from wil_campaign.orchestrator.live_feed.feed_messages import (
     VehicleView,
 )
 from wil_campaign.plugins.console.console_access import ConsoleAccess
-from wil_campaign.plugins.console.page_client import PageClient, as_text, image_packet
+from wil_campaign.plugins.console.page_client import PageClient, image_packet, page_json
 from wil_campaign.plugins.console.scene_document import RunScene
 
 _GUARD_DOWN = re.compile(r": down\b")
@@ -118,7 +118,7 @@ class _RunRecord:
         moving |= {name: msgspec.structs.asdict(pose) for name, pose in view.flown.items()}
         state = {**msgspec.structs.asdict(view), "flown": sorted(view.flown)}
         when = {"at_s": received.at_s, "age_s": received.age_s, "down_at_s": self.down.at_s}
-        return as_text({"type": "run", "moving": moving, **state, **when})
+        return page_json({"type": "run", "moving": moving, **state, **when})
 
     def event_text(self, event: EventView) -> str:
         """Return an event for the page, with when it was received, and whether it is a landing."""
@@ -126,7 +126,7 @@ class _RunRecord:
         newest = None if self.newest is None else self.newest.content
         down_at_s = self.down.receive_event(event, newest, at_s)
         document = msgspec.structs.asdict(event)
-        return as_text({"type": "event", **document, "at_s": at_s, "down_at_s": down_at_s})
+        return page_json({"type": "event", **document, "at_s": at_s, "down_at_s": down_at_s})
 
 
 class ConsoleHub:
@@ -149,12 +149,12 @@ class ConsoleHub:
         """Add a page: send it the present state, and from now on every update."""
         session = page.session
         you = {"number": session.number, "role": session.role, "name": session.name}
-        page.order(as_text({"type": "hello", "you": you, **self._about}))
+        page.order(page_json({"type": "hello", "you": you, **self._about}))
         for text in self._commands:
             page.order(text)
         for key, record in self._runs.items():
             if record.scene is not None:
-                page.order(as_text(record.scene.document))
+                page.order(page_json(record.scene.document))
             for text in record.events:
                 page.order(text)
             if record.newest is not None:
@@ -180,7 +180,7 @@ class ConsoleHub:
 
     def say_goodbye(self) -> None:
         """Tell all pages that the console ends with its campaign."""
-        self._order(as_text({"type": "goodbye"}))
+        self._order(page_json({"type": "goodbye"}))
 
     def show_people(self) -> None:
         """Send all pages the list of open sessions, and which has control."""
@@ -189,7 +189,7 @@ class ConsoleHub:
             session.number: {"number": session.number, "role": session.role, "name": session.name}
             for session in (page.session for page in self._pages)
         }
-        text = as_text(
+        text = page_json(
             {
                 "type": "people",
                 "people": list(people.values()),
@@ -209,7 +209,7 @@ class ConsoleHub:
 
     def show_playback(self, kind: str, document: Mapping[str, Any]) -> None:
         """Send all pages the playback of a finished run, or the past of the run that it shows."""
-        text = as_text({"type": kind, **document})
+        text = page_json({"type": kind, **document})
         if kind == "past":
             self._order(text)
             return
@@ -230,7 +230,7 @@ class ConsoleHub:
 
     def show_command(self, document: Mapping[str, Any]) -> None:
         """Send all pages, also later ones, a command of this console and its replies."""
-        text = as_text({"type": "command", "at_s": time.time(), **document})
+        text = page_json({"type": "command", "at_s": time.time(), **document})
         self._commands.append(text)
         self._order(text)
 
@@ -259,7 +259,7 @@ class ConsoleHub:
                 if self._is_recorded:
                     record.events.clear()  # The run is played again, or from another time.
                 record.scene = scene
-                self._order(as_text(scene.document))
+                self._order(page_json(scene.document))
 
     def _order(self, text: str) -> None:
         """Send all pages a message that must arrive."""
@@ -276,4 +276,4 @@ class ConsoleHub:
 
 def _status_text(status: _Received[dict[str, Any]]) -> str:
     """Return the status of campaigns and guards for the page."""
-    return as_text({"type": "status", **status.content, "age_s": status.age_s})
+    return page_json({"type": "status", **status.content, "age_s": status.age_s})

@@ -14,8 +14,8 @@ from typing import get_args
 
 from aiohttp import web
 
-from wil_campaign.foundation.processes.codec import MessageError
-from wil_campaign.foundation.tasks import stop, together
+from wil_campaign.foundation.processes.codec import ProcessMessageError
+from wil_campaign.foundation.tasks import open_task_group, stop_tasks
 from wil_campaign.orchestrator.live_feed.feed_messages import feed_codec
 from wil_campaign.orchestrator.live_feed.feed_sockets import feed_receiver
 from wil_campaign.plugins.console.campaign_poller import POLL_S, CampaignPoller
@@ -24,7 +24,7 @@ from wil_campaign.plugins.console.console_address import (
     ConsoleAddress,
     ConsoleError,
     RequestRules,
-    require_safe,
+    require_safe_console_address,
 )
 from wil_campaign.plugins.console.console_hub import ConsoleHub
 from wil_campaign.plugins.console.console_server import ConsoleServer
@@ -70,7 +70,7 @@ async def serve_console(
     campaign: the console shows only that campaign, and ends when standard input is closed and its
     guards are gone.
     """
-    require_safe(settings.address, tls=settings.tls is not None)
+    require_safe_console_address(settings.address, tls=settings.tls is not None)
     with contextlib.suppress(OSError):
         os.nice(_NICE)
     access = ConsoleAccess()
@@ -111,7 +111,7 @@ async def _feed_hub(
     recorded: RecordedRun | None,
 ) -> None:
     """Feed the hub from live feeds, or from a recording, until the console should end."""
-    async with together() as group:
+    async with open_task_group() as group:
         if recorded is None:
             source = group.create_task(_receive(hub, scope), name="live feeds")
         else:
@@ -121,7 +121,7 @@ async def _feed_hub(
         await asyncio.sleep(_LINGER_S)
         hub.say_goodbye()
         await asyncio.sleep(_GOODBYE_S)
-        await stop(source, polling)
+        await stop_tasks(source, polling)
 
 
 async def _wait_for_end(poller: CampaignPoller, *, ends: bool) -> None:
@@ -155,7 +155,7 @@ async def _receive(hub: ConsoleHub, scope: FlightScope) -> None:
         with feed_receiver() as end:
             while True:
                 datagram = await loop.sock_recv(end, _LONGEST_BYTES)
-                with contextlib.suppress(MessageError):
+                with contextlib.suppress(ProcessMessageError):
                     message = feed_codec.decode(datagram)
                     if scope.covers(message.run):
                         await hub.receive(message)

@@ -16,7 +16,7 @@ from aiohttp import web
 from wil_campaign.campaigns.setup.vehicle_fences import changed_fences
 from wil_campaign.foundation.files.documents import BadInput
 from wil_campaign.orchestrator.live_feed.feed_messages import RunView
-from wil_campaign.plugins.console.console_access import AccessError, ConsoleAccess, Session
+from wil_campaign.plugins.console.console_access import AccessError, ConsoleAccess, ConsoleSession
 from wil_campaign.plugins.console.console_address import RequestRules
 from wil_campaign.plugins.console.console_hub import ConsoleHub
 from wil_campaign.plugins.console.page_client import MAX_MESSAGE_BYTES, PageClient
@@ -24,14 +24,17 @@ from wil_campaign.plugins.console.page_commands import (
     MAX_BODY_BYTES,
     CommandSender,
     PageCommand,
-    parse_body,
+    parse_request_body,
 )
 from wil_campaign.plugins.console.playback import Playback
 from wil_campaign.safety.fence.areas import FenceError
 from wil_campaign.safety.fence.fence_files import parse_fence_file
 from wil_campaign.safety.fence.fence_values import fence_of_plain
 from wil_campaign.safety.fence.geofence import Fence
-from wil_campaign.safety.guard.operator.operator_lines import RefusedLineError, checked_who
+from wil_campaign.safety.guard.operator.operator_lines import (
+    RefusedLineError,
+    checked_operator_name,
+)
 from wil_campaign.safety.guard.operator.rate_limit import RateLimit
 from wil_campaign.worlds.geodesy import LocalFrame
 
@@ -39,7 +42,7 @@ _NOWHERE = LocalFrame(0.0, 0.0, 0.0)
 """The page draws in metres, so the origin on Earth does not matter."""
 
 
-def check_fence(text: str, views: Iterable[RunView]) -> None:
+def check_operator_fence(text: str, views: Iterable[RunView]) -> None:
     """Raise AccessError for an invalid fence, or one with a flying vehicle outside.
 
     Whether a vehicle can stop inside, and whether its autopilot accepts it, the run checks.
@@ -168,7 +171,7 @@ class ConsoleServer:
         if not self._refusals.is_exceeded(self._time()):
             self._sender.refuse(text)
 
-    def _session(self, request: web.Request) -> Session:
+    def _session(self, request: web.Request) -> ConsoleSession:
         return self._access.session(request.cookies.get(self._cookie, ""))
 
     async def _index(self, request: web.Request) -> web.StreamResponse:
@@ -205,7 +208,7 @@ class ConsoleServer:
         command = PageCommand.parse(await _json_of(request))
         self._access.require_command(session, command.kind)
         if command.kind == "geofence":
-            check_fence(command.document, self._hub.views())
+            check_operator_fence(command.document, self._hub.views())
         outcome = await self._sender.send(command, f"{NAME_PREFIX}{session.name}")
         about = {"command": command.kind, "who": session.name, "is_obeyed": outcome.is_obeyed}
         missing = [
@@ -280,7 +283,7 @@ def _page_files(folder: Traversable, beneath: str = "") -> Iterator[tuple[str, b
 async def _json_of(request: web.Request) -> dict[str, Any]:
     if request.content_type != "application/json":
         raise AccessError("the content type of a request must be application/json")
-    document = parse_body(await request.read())
+    document = parse_request_body(await request.read())
     if not isinstance(document, dict):
         raise AccessError("a request must be a JSON object")
     return document
@@ -289,6 +292,6 @@ async def _json_of(request: web.Request) -> dict[str, Any]:
 def _checked_name(name: Any) -> str:
     """Return an operator's name that is safe for records. Raises AccessError."""
     try:
-        return checked_who(f"{NAME_PREFIX}{name}").removeprefix(NAME_PREFIX) or "operator"
+        return checked_operator_name(f"{NAME_PREFIX}{name}").removeprefix(NAME_PREFIX) or "operator"
     except RefusedLineError as error:
         raise AccessError(str(error)) from error

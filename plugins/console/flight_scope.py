@@ -2,7 +2,11 @@
 
 from pathlib import Path
 
-from wil_campaign.orchestrator.operator.campaign_records import Places, places, related_folder
+from wil_campaign.orchestrator.operator.campaign_records import (
+    OperatorPlaces,
+    operator_places,
+    related_folder,
+)
 
 _MOST_DECIDED = 1000
 
@@ -25,9 +29,9 @@ class FlightScope:
         """Whether the scope has all flights of this machine."""
         return self._folder is None and self._program is None
 
-    def places(self) -> Places:
+    def places(self) -> OperatorPlaces:
         """Return the records of the flights in the scope that are in the air. Raises OSError."""
-        found = places().beneath(self._folder)
+        found = operator_places().beneath(self._folder)
         if self._program is None:
             return found
         mine = {
@@ -36,7 +40,7 @@ class FlightScope:
             if campaign.process is not None and campaign.process.pid == self._program
         }
         self._own |= mine
-        return Places(
+        return OperatorPlaces(
             tuple(campaign for campaign in found.campaigns if campaign.folder in mine),
             tuple(guard for guard in found.guards if any(map(guard.is_beneath, self._own))),
         )

@@ -11,9 +11,9 @@ from typing import Any
 import msgspec
 from aiohttp import WSMsgType, web
 
-from wil_campaign.foundation.tasks import together
+from wil_campaign.foundation.tasks import open_task_group
 from wil_campaign.orchestrator.live_feed.feed_messages import ImageView
-from wil_campaign.plugins.console.console_access import Session
+from wil_campaign.plugins.console.console_access import ConsoleSession
 
 WINDOW = 2
 """Unacknowledged images per camera."""
@@ -38,7 +38,7 @@ class SlowPageError(Exception):
 class PageClient:
     """One open page: its WebSocket, and its queues."""
 
-    def __init__(self, socket: web.WebSocketResponse, session: Session) -> None:
+    def __init__(self, socket: web.WebSocketResponse, session: ConsoleSession) -> None:
         self._socket = socket
         self.session = session
         self._ordered: deque[str] = deque()
@@ -70,7 +70,7 @@ class PageClient:
     async def serve(self) -> None:
         """Send and receive until the page is closed."""
         try:
-            async with together() as group:
+            async with open_task_group() as group:
                 sending = group.create_task(self._send(), name="sending to a page")
                 group.create_task(self._receive(sending), name="receiving from a page")
         except (SlowPageError, ConnectionError, TimeoutError):
@@ -110,7 +110,7 @@ class PageClient:
                 await self._socket.send_bytes(self._images.pop(key))
 
 
-def as_text(document: Any) -> str:
+def page_json(document: Any) -> str:
     """Return a document as JSON; a number that is not finite becomes null."""
     return msgspec.json.encode(document).decode()
 

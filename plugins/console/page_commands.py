@@ -9,15 +9,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, cast, get_args
 
-from wil_campaign.orchestrator.operator.campaign_records import Place, Places
+from wil_campaign.orchestrator.operator.campaign_records import OperatorPlace, OperatorPlaces
 from wil_campaign.orchestrator.operator.local_commands import (
     CommandReply,
     send_command,
-    unconfirmed,
+    unconfirmed_places,
     unconfirmed_texts,
 )
 from wil_campaign.orchestrator.operator.operator_log import OperatorLog
-from wil_campaign.orchestrator.operator.socket_client import NoAnswerError, ask
+from wil_campaign.orchestrator.operator.socket_client import NoAnswerError, ask_operator_socket
 from wil_campaign.plugins.console.console_access import AccessError
 from wil_campaign.plugins.console.flight_scope import FlightScope
 from wil_campaign.safety.guard.core.operator_command import OperatorKind
@@ -58,7 +58,7 @@ class CommandOutcome:
 
     is_obeyed: bool
     texts: tuple[str, ...]
-    unconfirmed: tuple[Place, ...] = ()
+    unconfirmed: tuple[OperatorPlace, ...] = ()
 
     @property
     def ok(self) -> bool:
@@ -66,9 +66,9 @@ class CommandOutcome:
         return self.is_obeyed and not self.unconfirmed
 
     @classmethod
-    def of(cls, replies: Sequence[CommandReply], flying: Places) -> "CommandOutcome":
+    def of(cls, replies: Sequence[CommandReply], flying: OperatorPlaces) -> "CommandOutcome":
         """Return the outcome of a command by its replies. flying: the flights it was sent to."""
-        missing = unconfirmed(flying, replies)
+        missing = unconfirmed_places(flying, replies)
         notes = unconfirmed_texts(missing, flying, replies)
         texts = (*(reply.text for reply in replies), *notes)
         return cls(any(reply.ok for reply in replies), texts, missing)
@@ -118,7 +118,7 @@ class CommandSender:
             self._logs.setdefault(path, OperatorLog(path=path)).refused(text, who="console")
 
 
-def _change_fences(flying: Places, document: str, who: str) -> CommandReply:
+def _change_fences(flying: OperatorPlaces, document: str, who: str) -> CommandReply:
     """Send new fences to the one campaign in flight; its runs answer later, in its status."""
     if len(flying.campaigns) != 1:
         return CommandReply(
@@ -127,7 +127,7 @@ def _change_fences(flying: Places, document: str, who: str) -> CommandReply:
         )
     (campaign,) = flying.campaigns
     try:
-        answer = ask(
+        answer = ask_operator_socket(
             campaign.socket, "geofence", who=who, geofence=document, id=secrets.token_hex(8)
         )
     except NoAnswerError as error:
@@ -137,7 +137,7 @@ def _change_fences(flying: Places, document: str, who: str) -> CommandReply:
     )
 
 
-def parse_body(body: bytes) -> Any:
+def parse_request_body(body: bytes) -> Any:
     """Return the JSON of a request. Raises AccessError."""
     try:
         return json.loads(body.decode("utf-8"))

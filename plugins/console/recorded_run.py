@@ -17,7 +17,7 @@ from wil_campaign.orchestrator.live_feed.feed_messages import (
     flown_poses,
 )
 from wil_campaign.orchestrator.reading.judged_motion import read_judged_motion
-from wil_campaign.orchestrator.reading.model import Commanded
+from wil_campaign.orchestrator.reading.model import CommandedState
 from wil_campaign.orchestrator.reading.trajectory_file import read_trajectory
 from wil_campaign.orchestrator.recording.errors import RecordingError
 from wil_campaign.orchestrator.recording.judge_log_file import FILE_NAME as JUDGED
@@ -49,7 +49,7 @@ Take = Callable[[FeedMessage], Awaitable[None]]
 class _Loaded:
     """The small files of a run's folder, in memory. states: by vehicle, in order of time."""
 
-    rows: tuple[Commanded, ...]
+    rows: tuple[CommandedState, ...]
     events: tuple[EventView, ...]
     stages: Mapping[str, float]
     result: RunResult | None
@@ -180,7 +180,7 @@ class RecordedRun:
         states = _states(self._folder / JUDGED)
         return _Loaded(rows, events, dict(log.stages), result, history, states)
 
-    def _view(self, loaded: _Loaded, t_s: float, rows: tuple[Commanded, ...]) -> RunView:
+    def _view(self, loaded: _Loaded, t_s: float, rows: tuple[CommandedState, ...]) -> RunView:
         result, is_over = loaded.result, t_s >= loaded.rows[-1].t_s
         entered_s = {name: at_s for name, at_s in loaded.stages.items() if at_s <= t_s}
         is_known = is_over and result is not None
@@ -235,9 +235,11 @@ def _states(judged: Path) -> dict[str, list[StateSample]]:
     return found
 
 
-def _moments(rows: tuple[Commanded, ...]) -> Iterator[tuple[float, tuple[Commanded, ...]]]:
+def _moments(
+    rows: tuple[CommandedState, ...],
+) -> Iterator[tuple[float, tuple[CommandedState, ...]]]:
     """Yield the newest row of each vehicle, ten times per second of the run and at its end."""
-    newest: dict[str, Commanded] = {}
+    newest: dict[str, CommandedState] = {}
     due_s = rows[0].t_s
     for row in rows:
         if row.t_s > due_s and newest:
@@ -277,7 +279,7 @@ def _plain_fences(facts: Mapping[str, str]) -> dict[str, object]:
         return {}  # The scene reports the problem.
 
 
-def _vehicle(row: Commanded, state: StateSample | None) -> VehicleView:
+def _vehicle(row: CommandedState, state: StateSample | None) -> VehicleView:
     landed = None if state is None else state.landed
     return VehicleView(
         name=row.vehicle,

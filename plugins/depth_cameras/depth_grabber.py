@@ -43,7 +43,7 @@ class DepthGrabber(Protocol):
         """Close the depth camera; called once, also after an `open` that failed."""
 
 
-def camera_of(request: SourceRequest) -> Intrinsics:
+def depth_camera_of_request(request: SourceRequest) -> Intrinsics:
     """Return the model of the depth camera that a source is asked for."""
     if request.camera is None:
         raise TypeError(f"{request.address}: a {request.kind} has no camera model")
@@ -61,7 +61,7 @@ class GrabbedReadings(LiveReadings):
             remedy=remedy,
         )
         self._request = request
-        self._camera = camera_of(request)
+        self._camera = depth_camera_of_request(request)
         self._grabber = grabber
         self._clock = ArrivalClock(latency_s=request.latency_s)
         self._stop = threading.Event()

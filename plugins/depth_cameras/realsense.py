@@ -11,9 +11,9 @@ import numpy as np
 from wil_campaign.plugins.depth_cameras.depth_grabber import (
     GrabbedDepth,
     GrabbedReadings,
-    camera_of,
+    depth_camera_of_request,
 )
-from wil_campaign.plugins.readings.depth_images import check_camera, metres_of
+from wil_campaign.plugins.readings.depth_images import check_depth_camera, metres_of_depths
 from wil_campaign.plugins.readings.messagepack import BadMessageError
 from wil_campaign.vehicles.sources.camera_source import SourceError
 from wil_campaign.vehicles.sources.source_request import SourceRequest
@@ -31,7 +31,7 @@ class RealSense:
         self._address = request.address
         self._serial = request.address.removeprefix(_SCHEME)
         self._rate_hz = round(request.rate_hz or _USUAL_HZ)
-        self._camera = camera_of(request)
+        self._camera = depth_camera_of_request(request)
         self._pipeline: Any = None
         self._scale_m = 0.0
         self._last: int | None = None
@@ -62,7 +62,7 @@ class RealSense:
         stream = profile.get_stream(rs.stream.depth).as_video_stream_profile()
         lens = stream.get_intrinsics()
         try:
-            check_camera(camera, width_px=lens.width, height_px=lens.height, fx_px=lens.fx)
+            check_depth_camera(camera, width_px=lens.width, height_px=lens.height, fx_px=lens.fx)
         except BadMessageError as error:
             raise SourceError(f"{self._address}: {error}") from error
 
@@ -79,7 +79,7 @@ class RealSense:
             return GrabbedDepth(None, why=f"an image of {values.dtype} {values.shape}, not {size}")
         skipped = 0 if last is None else max(0, number - last - 1)
         stamp_s = float(frame.get_timestamp()) * 1e-3
-        return GrabbedDepth(metres_of(values, self._scale_m), stamp_s, skipped)
+        return GrabbedDepth(metres_of_depths(values, self._scale_m), stamp_s, skipped)
 
     def close(self) -> None:
         """Stop the stream."""

@@ -15,9 +15,9 @@ import numpy as np
 from wil_campaign.plugins.depth_cameras.depth_grabber import (
     GrabbedDepth,
     GrabbedReadings,
-    camera_of,
+    depth_camera_of_request,
 )
-from wil_campaign.plugins.readings.depth_images import metres_of
+from wil_campaign.plugins.readings.depth_images import metres_of_depths
 from wil_campaign.plugins.readings.messagepack import BadMessageError
 from wil_campaign.vehicles.sources.camera_source import SourceError
 from wil_campaign.vehicles.sources.source_request import SourceRequest
@@ -102,7 +102,7 @@ class DepthLines:
                 f"the sender's images are smaller than {width_px}x{height_px}"
             )
             return GrabbedDepth(None, why=why)
-        return GrabbedDepth(metres_of(self._pixels), self._stamp_s)
+        return GrabbedDepth(metres_of_depths(self._pixels), self._stamp_s)
 
     def _add_lines(self, payload: bytes) -> None:
         at, lines, more = 2, [], True  # after the high half of the sequence number
@@ -143,7 +143,7 @@ class RtpDepth:
     """A DepthGrabber that listens on a port of this machine."""
 
     def __init__(self, request: SourceRequest) -> None:
-        camera, self._address = camera_of(request), request.address
+        camera, self._address = depth_camera_of_request(request), request.address
         self._lines = DepthLines(width_px=camera.width_px, height_px=camera.height_px)
         self._socket: socket.socket | None = None
 

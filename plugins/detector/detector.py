@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from wil_campaign.foundation.files.lfs import LFS_POINTER, is_lfs_file
 from wil_campaign.foundation.files.paths import is_file
 from wil_campaign.plugins.detector.instance_masks import instance_mask, prototypes_of
-from wil_campaign.plugins.detector.network_trial import refusal, short_text
+from wil_campaign.plugins.detector.network_trial import network_refusal, short_network_error
 from wil_campaign.plugins.detector.onnx_names import class_names
 from wil_campaign.vehicles.readings import BgrImage, Mask
 
@@ -54,7 +54,7 @@ class Detection:
 
 
 @dataclass(frozen=True, slots=True)
-class Letterbox:
+class LetterboxFit:
     """How an image was letterboxed into the detector's input: scaled alike, then moved."""
 
     scale: float
@@ -104,21 +104,21 @@ class OnnxDetector:
         Raises DetectorError when the network cannot run on the input, when its output fits no
         layout or several, and for a class without a name.
         """
-        laid, how = letterboxed(image_bgr, self._input_px)
+        laid, how = letterboxed_image(image_bgr, self._input_px)
         blob = cv2.dnn.blobFromImage(laid, 1.0 / 255.0, swapRB=True)
         try:
             self._net.setInput(blob)
             outputs = [np.asarray(one) for one in self._net.forward(self._outputs)]
         except cv2.error as error:
             raise DetectorError(
-                f"'{self._path.name}' cannot run on {self._input_px}: {short_text(error)}"
+                f"'{self._path.name}' cannot run on {self._input_px}: {short_network_error(error)}"
             ) from error
         index, prototypes = prototypes_of(outputs)
         extra = 0 if prototypes is None else len(prototypes)
-        found = decoded(outputs[index], len(self._names), self._layout, extra)
+        found = decoded_candidates(outputs[index], len(self._names), self._layout, extra)
         height_px, width_px = image_bgr.shape[:2]
         detections = []
-        for one in surest(found, self._threshold, self._overlap):
+        for one in surest_candidates(found, self._threshold, self._overlap):
             box = _to_image(found.boxes[one], how, width_px, height_px)
             mask = None
             if prototypes is not None:
@@ -181,20 +181,28 @@ def _network(path: Path, input_px: tuple[int, int]) -> Any:
     if not is_file(path):
         raise DetectorError(f"there is no file '{path.name}'")
     try:
-        refused = f"'{path.name}': {LFS_POINTER}" if is_lfs_file(path) else refusal(path, input_px)
+        refused = (
+            f"'{path.name}': {LFS_POINTER}"
+            if is_lfs_file(path)
+            else network_refusal(path, input_px)
+        )
         if refused:
             raise DetectorError(refused)
         net = cv2.dnn.readNetFromONNX(str(path))
     except OSError as error:
         raise DetectorError(f"'{path.name}' cannot be read: {error.strerror}") from error
     except cv2.error as error:
-        raise DetectorError(f"'{path.name}' is not an ONNX network: {short_text(error)}") from error
+        raise DetectorError(
+            f"'{path.name}' is not an ONNX network: {short_network_error(error)}"
+        ) from error
     if net.empty():
         raise DetectorError(f"'{path.name}' is an empty network")
     return net
 
 
-def letterboxed(image_bgr: BgrImage, input_px: tuple[int, int]) -> tuple[BgrImage, Letterbox]:
+def letterboxed_image(
+    image_bgr: BgrImage, input_px: tuple[int, int]
+) -> tuple[BgrImage, LetterboxFit]:
     """Return the image letterboxed into the detector's input, and how."""
     height_px, width_px = image_bgr.shape[:2]
     scale = min(input_px[0] / width_px, input_px[1] / height_px)
@@ -205,11 +213,11 @@ def letterboxed(image_bgr: BgrImage, input_px: tuple[int, int]) -> tuple[BgrImag
     laid[top : top + down, left : left + across] = cv2.resize(
         image_bgr, (across, down), interpolation=kind
     )
-    return laid, Letterbox(scale, float(left), float(top))
+    return laid, LetterboxFit(scale, float(left), float(top))
 
 
 @dataclass(frozen=True, slots=True)
-class Candidates:
+class DetectorCandidates:
     """A detector's candidates: boxes (n, 4) left, top, right, bottom; scores (n,); kinds (n,).
 
     coefficients: (n, m) of mask prototypes; m is 0 without masks.
@@ -221,7 +229,9 @@ class Candidates:
     coefficients: NDArray[np.float32] = field(default_factory=lambda: np.zeros((0, 0), np.float32))
 
 
-def decoded(output: NDArray[Any], classes: int, layout: Layout, extra: int = 0) -> Candidates:
+def decoded_candidates(
+    output: NDArray[Any], classes: int, layout: Layout, extra: int = 0
+) -> DetectorCandidates:
     """Return the candidates in a detector's output. Raises DetectorError when nothing fits.
 
     extra: coefficients of masks, the last numbers of each candidate.
@@ -247,11 +257,13 @@ def decoded(output: NDArray[Any], classes: int, layout: Layout, extra: int = 0) 
     rows = rows[np.isfinite(rows).all(axis=1)]
     rows, coefficients = rows[:, :wanted], rows[:, wanted:]
     if kind == "end2end":
-        return Candidates(rows[:, :4], rows[:, 4], rows[:, 5].astype(np.int64), coefficients)
+        return DetectorCandidates(
+            rows[:, :4], rows[:, 4], rows[:, 5].astype(np.int64), coefficients
+        )
     half = rows[:, 2:4] / 2.0
     boxes = np.concatenate([rows[:, :2] - half, rows[:, :2] + half], axis=1)
     by_class = rows[:, 5:] * rows[:, 4:5] if kind == "v5" else rows[:, 4:]
-    return Candidates(boxes, by_class.max(axis=1), by_class.argmax(axis=1), coefficients)
+    return DetectorCandidates(boxes, by_class.max(axis=1), by_class.argmax(axis=1), coefficients)
 
 
 def _layout_of(shape: tuple[int, ...], classes: int) -> Literal["v5", "v8", "end2end"]:
@@ -282,7 +294,7 @@ def _layout_of(shape: tuple[int, ...], classes: int) -> Literal["v5", "v8", "end
     return candidates[0]
 
 
-def surest(found: Candidates, threshold: float, overlap: float) -> list[int]:
+def surest_candidates(found: DetectorCandidates, threshold: float, overlap: float) -> list[int]:
     """Return the candidates above the threshold, the surest first, overlaps suppressed."""
     sure = np.flatnonzero(found.scores >= threshold)
     order = sure[np.argsort(-found.scores[sure], kind="stable")]
@@ -307,7 +319,7 @@ def _overlap(a: NDArray[np.float32], b: NDArray[np.float32]) -> float:
 
 
 def _to_image(
-    box: NDArray[np.float32], how: Letterbox, width_px: int, height_px: int
+    box: NDArray[np.float32], how: LetterboxFit, width_px: int, height_px: int
 ) -> tuple[float, float, float, float]:
     """Return a detection's box in the image, cut at its edges."""
     left, top, right, bottom = (float(edge) for edge in box)

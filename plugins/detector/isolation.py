@@ -7,9 +7,9 @@ import cv2
 import numpy as np
 from pydantic import Field, model_validator
 
-from wil_campaign.foundation.files.documents import KeyFaultError, closest
+from wil_campaign.foundation.files.documents import KeyFaultError, closest_word
 from wil_campaign.plugins.detector.detector import DetectorError, Layout, OnnxDetector
-from wil_campaign.recipes.model.registry import Context, ParameterFault, SidedParameters, step
+from wil_campaign.recipes.model.registry import ParameterFault, SidedParameters, StepContext, step
 from wil_campaign.recipes.operations.masks import intersect_masks
 from wil_campaign.recipes.working import AnyMasked, Masked, Operator
 from wil_campaign.vehicles.readings import CameraReading, Mask
@@ -41,7 +41,7 @@ class IsolateDetectionsParameters(SidedParameters):
         for index, name in enumerate(self.keep):
             if name not in self.names:
                 message = f"'{name}' is not a class of the detector"
-                raise KeyFaultError(("keep", index), message, closest(name, self.names))
+                raise KeyFaultError(("keep", index), message, closest_word(name, self.names))
         return self
 
     def detector(self, folder: FilePath) -> OnnxDetector:
@@ -75,7 +75,7 @@ class IsolateDetectionsParameters(SidedParameters):
     sensors=("camera",),
     parameters=IsolateDetectionsParameters,
 )
-def isolate_detections(parameters: IsolateDetectionsParameters, context: Context) -> Operator:
+def isolate_detections(parameters: IsolateDetectionsParameters, context: StepContext) -> Operator:
     """Keep what a detector (an ONNX file of the YOLO family) finds in an image.
 
     image_bgr (height, width, 3) uint8. Boxes in pixels; of a network of instance segmentation

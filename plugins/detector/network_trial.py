@@ -28,7 +28,7 @@ _TIMES_FILE = 4.0
 LOADS, RUNS = "loads", "runs"
 
 
-def refusal(path: Path, input_px: tuple[int, int]) -> str:
+def network_refusal(path: Path, input_px: tuple[int, int]) -> str:
     """Return why a file of a network cannot be used; empty if it loads and runs.
 
     input_px: (width, height) of the network's input. In a child process of this program the file is
@@ -82,7 +82,7 @@ def _exit_text(returncode: int) -> str:
         return f"signal {-returncode}"
 
 
-def short_text(error: BaseException) -> str:
+def short_network_error(error: BaseException) -> str:
     """Return OpenCV's error about a network, short."""
     lines = str(error).strip().splitlines()
     return lines[0][-160:] if lines else "OpenCV gives no reason"
@@ -105,7 +105,7 @@ def main(arguments: list[str]) -> int:
                 net.setInput(cv2.dnn.blobFromImage(image, 1.0 / 255.0, swapRB=True))
                 net.forward(net.getUnconnectedOutLayersNames())
         except (cv2.error, MemoryError) as error:
-            sys.stdout.write(f"{step} {short_text(error)}\n")
+            sys.stdout.write(f"{step} {short_network_error(error)}\n")
     return 0
 
 

@@ -24,7 +24,7 @@ class Finding:
     remedy: str = ""
 
 
-def as_text(findings: Iterable[Finding]) -> str:
+def findings_text(findings: Iterable[Finding]) -> str:
     """Return the doctor's findings as text, topic by topic."""
     lines: list[str] = []
     topic = ""

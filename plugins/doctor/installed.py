@@ -10,7 +10,7 @@ from importlib.metadata import PackageNotFoundError, requires, version
 from wil_campaign import hooks
 from wil_campaign.foundation.processes.linux import usable_cores
 from wil_campaign.hooks import VehicleDriver
-from wil_campaign.installed_plugins import added
+from wil_campaign.installed_plugins import plugin_additions
 from wil_campaign.plugins.doctor.findings import Finding
 
 TOPIC = "installed"
@@ -22,7 +22,7 @@ Requirements = Callable[[str], list[str] | None]
 """Returns the requirements of an installed package."""
 
 
-def python() -> Iterator[Finding]:
+def python_finding() -> Iterator[Finding]:
     """Yield the finding on the installed Python and the machine."""
     usable, there = usable_cores(), os.cpu_count() or 1
     cores = f"{usable} cores" if usable >= there else f"may use {usable} of {there} cores"
@@ -37,7 +37,9 @@ def python() -> Iterator[Finding]:
         yield Finding(TOPIC, "good", text)
 
 
-def packages(find: Version = version, requirements: Requirements = requires) -> Iterator[Finding]:
+def package_findings(
+    find: Version = version, requirements: Requirements = requires
+) -> Iterator[Finding]:
     """Yield the finding on required packages."""
     try:
         own = find(_PACKAGE)
@@ -46,7 +48,7 @@ def packages(find: Version = version, requirements: Requirements = requires) -> 
         yield Finding(TOPIC, "note", text, "install it: pip install -e . in its folder")
         return
     needed = sorted(_required_packages(requirements(_PACKAGE) or []))
-    missing = [name for name in needed if not is_there(name, find)]
+    missing = [name for name in needed if not is_package_installed(name, find)]
     if missing:
         text = f"{_PACKAGE} {own} lacks {', '.join(missing)}"
         yield Finding(TOPIC, "trouble", text, f"pip install {' '.join(missing)}")
@@ -55,10 +57,10 @@ def packages(find: Version = version, requirements: Requirements = requires) -> 
         yield Finding(TOPIC, "good", text)
 
 
-def drivers(find: Version = version) -> Iterator[Finding]:
+def driver_findings(find: Version = version) -> Iterator[Finding]:
     """Yield the findings whether the packages of the plugins' drivers are installed."""
-    for driver in added(hooks.drivers).values():
-        package = package_of(driver.requirement)
+    for driver in plugin_additions(hooks.drivers).values():
+        package = package_of_requirement(driver.requirement)
         try:
             text = f"{package} {find(package)}, for vehicles with driver: {driver.name}"
             yield Finding(TOPIC, "good", text)
@@ -72,7 +74,7 @@ def driver_remedy(driver: VehicleDriver) -> str:
     return f"vehicles with driver: {driver.name} need it: pip install '{driver.requirement}'"
 
 
-def package_of(requirement: str) -> str:
+def package_of_requirement(requirement: str) -> str:
     """Return the package that a requirement names, as pip reads it."""
     return re.split(r"[^A-Za-z0-9._-]", requirement, maxsplit=1)[0]
 
@@ -80,10 +82,10 @@ def package_of(requirement: str) -> str:
 def _required_packages(requirements: list[str]) -> Iterator[str]:
     for requirement in requirements:
         if "extra ==" not in requirement:
-            yield package_of(requirement)
+            yield package_of_requirement(requirement)
 
 
-def is_there(name: str, find: Version = version) -> bool:
+def is_package_installed(name: str, find: Version = version) -> bool:
     """Return whether a package is installed."""
     try:
         find(name)

@@ -7,13 +7,17 @@ from pathlib import Path
 from wil_campaign.campaigns.expansion.expansion import load_campaign
 from wil_campaign.foundation.files.documents import BadInput
 from wil_campaign.hooks import drivers, operator_channels
-from wil_campaign.installed_plugins import added, load
+from wil_campaign.installed_plugins import load_plugin_object, plugin_additions
 from wil_campaign.orchestrator.campaign.resuming.attached_vehicles import (
     attached_vehicles,
     flown_vehicles,
 )
 from wil_campaign.plugins.doctor.findings import CAMPAIGNS, Finding
-from wil_campaign.plugins.doctor.installed import driver_remedy, is_there, package_of
+from wil_campaign.plugins.doctor.installed import (
+    driver_remedy,
+    is_package_installed,
+    package_of_requirement,
+)
 from wil_campaign.vehicles.links.link import LinkError
 from wil_campaign.vehicles.links.link_factory import open_link
 from wil_campaign.vehicles.links.link_strings import LinkAddress
@@ -21,7 +25,7 @@ from wil_campaign.vehicles.links.link_strings import LinkAddress
 _OPEN_S = 5.0
 
 
-def campaign_links(files: Iterable[Path]) -> Iterator[Finding]:
+def campaign_link_findings(files: Iterable[Path]) -> Iterator[Finding]:
     """Yield findings on campaign files: whether they are valid and what they name is there."""
     for file in files:
         try:
@@ -41,18 +45,20 @@ def campaign_links(files: Iterable[Path]) -> Iterator[Finding]:
         for vehicle in attached:
             for address in vehicle.addresses:
                 yield asyncio.run(_open_link(f"{file}: {vehicle.name}", address))
-        for driver in added(drivers).values():
+        for driver in plugin_additions(drivers).values():
             by_it = {
                 flown_vehicle.name
                 for flown_vehicle in flown_vehicles(campaign)
                 if flown_vehicle.driver == driver.name
             }
-            if by_it and not is_there(package_of(driver.requirement)):
+            if by_it and not is_package_installed(package_of_requirement(driver.requirement)):
                 names = ", ".join(sorted(by_it))
                 text = f"{file}: {names}: the driver {driver.name} is not installed"
                 yield Finding(CAMPAIGNS, "trouble", text, driver_remedy(driver))
         for name, setup in campaign.operators.items():
-            yield from load(added(operator_channels)[name].examine)(file, setup)
+            yield from load_plugin_object(plugin_additions(operator_channels)[name].examine)(
+                file, setup
+            )
 
 
 async def _open_link(vehicle: str, address: LinkAddress) -> Finding:

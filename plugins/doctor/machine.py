@@ -18,7 +18,7 @@ from wil_campaign.foundation.files.problems import BadInput
 from wil_campaign.orchestrator.run.flight.lateness import LATE_S
 from wil_campaign.plugins.doctor.findings import Finding
 from wil_campaign.plugins.firmware.launch_records import LaunchRecord
-from wil_campaign.plugins.stream_links.serial_port import group_of
+from wil_campaign.plugins.stream_links.serial_port import serial_port_group
 from wil_campaign.safety.guard.process.orphaned_processes import GuardRecord
 from wil_campaign.safety.guard.process.runtime_folder import (
     RuntimeFolderError,
@@ -44,7 +44,7 @@ _LEAST_FREE_BYTES = 2_000_000_000
 _OLDEST_YEAR = 2025
 
 
-def clock(
+def clock_findings(
     late_s: float, *, stalled_s: float, synchronised: bool | None, now: datetime
 ) -> Iterator[Finding]:
     """Yield findings on wake-up latency, date and synchronisation of the clock.
@@ -140,12 +140,12 @@ def clock_synchronised() -> bool | None:
     return None if state < 0 else bool(state != _TIME_ERROR)
 
 
-def utc() -> datetime:
+def clock_utc() -> datetime:
     """Return the machine's clock in UTC."""
     return datetime.now(UTC)
 
 
-def serial(devices: Iterable[str]) -> Iterator[Finding]:
+def serial_port_findings(devices: Iterable[str]) -> Iterator[Finding]:
     """Yield findings on serial ports, and whether this user may open them."""
     there = tuple(devices)
     if not there:
@@ -158,7 +158,7 @@ def serial(devices: Iterable[str]) -> Iterator[Finding]:
             SERIAL,
             "trouble",
             f"no permission for {device}",
-            f"sudo usermod -aG {group_of(device)} $USER, and log in again",
+            f"sudo usermod -aG {serial_port_group(device)} $USER, and log in again",
         )
     if there and _runs("ModemManager"):
         yield Finding(
@@ -169,7 +169,7 @@ def serial(devices: Iterable[str]) -> Iterator[Finding]:
         )
 
 
-def orphans(
+def orphan_findings(
     launches: Iterable[LaunchRecord], guards: Iterable[GuardRecord], backups: Path | None
 ) -> Iterator[Finding]:
     """Yield findings on orphans: simulators, vehicles, parameters that were not restored.
@@ -212,7 +212,7 @@ def _runs(name: str) -> bool:
     return any(process.info["name"] == name for process in psutil.process_iter(["name"]))
 
 
-def kernels(cache: KernelCache) -> Iterator[Finding]:
+def kernel_cache_finding(cache: KernelCache) -> Iterator[Finding]:
     """Yield the finding where JIT-compiled kernels are cached, and whether that is writable."""
     why = "; ".join(cache.passed_over)
     remedy = "set NUMBA_CACHE_DIR to a folder of your own that is kept"
@@ -227,7 +227,7 @@ def kernels(cache: KernelCache) -> Iterator[Finding]:
         yield Finding(KERNELS, "good", text)
 
 
-def sockets() -> Iterator[Finding]:
+def socket_folder_finding() -> Iterator[Finding]:
     """Yield the finding on the folder of sockets."""
     try:
         folder = open_runtime_folder().path
@@ -242,7 +242,7 @@ def sockets() -> Iterator[Finding]:
         yield Finding(SOCKETS, "good", f"sockets are in {folder}")
 
 
-def disk(results: Path) -> Iterator[Finding]:
+def disk_finding(results: Path) -> Iterator[Finding]:
     """Yield the finding whether results can be written to a folder."""
     try:
         require_utf8(results)

@@ -32,15 +32,15 @@ USUAL = (
 )
 
 
-def usual_ports(ports: Iterable[UsualPort] = USUAL) -> Iterator[Finding]:
+def usual_port_findings(ports: Iterable[UsualPort] = USUAL) -> Iterator[Finding]:
     """Yield findings on usual ports that are in use, with the process."""
     free: list[str] = []
     for port in ports:
         name = f"{port.protocol} {port.number}"
-        if not is_in_use(port.number, port.protocol):
+        if not is_port_in_use(port.number, port.protocol):
             free.append(name)
             continue
-        holder = holder_of(port.number, port.protocol)
+        holder = port_holder(port.number, port.protocol)
         by = "by a process of another user" if holder is None else f"by {holder}"
         yield Finding(
             TOPIC,
@@ -52,7 +52,7 @@ def usual_ports(ports: Iterable[UsualPort] = USUAL) -> Iterator[Finding]:
         yield Finding(TOPIC, "good", f"free: {', '.join(free)}")
 
 
-def is_in_use(number: int, protocol: Protocol) -> bool:
+def is_port_in_use(number: int, protocol: Protocol) -> bool:
     """Return whether a port is in use: it cannot be bound on all addresses."""
     kind = socket.SOCK_DGRAM if protocol == "udp" else socket.SOCK_STREAM
     with socket.socket(socket.AF_INET, kind) as probe:
@@ -66,7 +66,7 @@ def is_in_use(number: int, protocol: Protocol) -> bool:
     return False
 
 
-def holder_of(number: int, protocol: Protocol) -> str | None:
+def port_holder(number: int, protocol: Protocol) -> str | None:
     """Return name and id of the process that uses a port; None where unknown."""
     inodes = set(_inodes(number, protocol))
     if not inodes:

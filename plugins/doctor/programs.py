@@ -7,16 +7,16 @@ from pathlib import Path
 
 from wil_campaign.foundation.files.paths import is_file
 from wil_campaign.plugins.doctor.findings import Finding
-from wil_campaign.vehicles.autopilots.registry import strategies
+from wil_campaign.vehicles.autopilots.registry import autopilot_strategies
 
 AUTOPILOTS = "autopilots"
 _DOCKER_S = 5.0
 Which = Callable[[str], str | None]
 
 
-def autopilots(home: Path | None, which: Which = shutil.which) -> Iterator[Finding]:
+def autopilot_program_findings(home: Path | None, which: Which = shutil.which) -> Iterator[Finding]:
     """Yield findings on ArduPilot and PX4 SITL, beneath `home` and on PATH."""
-    known = " and ".join(strategy.label for strategy in strategies().values())
+    known = " and ".join(strategy.label for strategy in autopilot_strategies().values())
     yield Finding(AUTOPILOTS, "good", f"embedded {known}: nothing to install")
     copter = _first(home, "ardupilot/build/sitl/bin/arducopter") or which("arducopter")
     if copter:

@@ -6,15 +6,15 @@ from typing import Any
 
 from wil_campaign.foundation.files.document_writer import to_json
 from wil_campaign.hooks import vehicle_checks
-from wil_campaign.installed_plugins import absent, added, load
+from wil_campaign.installed_plugins import absent_additions, load_plugin_object, plugin_additions
 from wil_campaign.orchestrator.campaign.resuming.attached_vehicles import AttachedVehicle
 from wil_campaign.orchestrator.cli.arming_consent import (
     REFUSED,
     UNAVAILABLE,
-    RefusedError,
-    find_vehicle,
+    FlightRefusedError,
+    find_vehicle_to_arm,
 )
-from wil_campaign.orchestrator.cli.standard_streams import err, out
+from wil_campaign.orchestrator.cli.standard_streams import write_stderr, write_stdout
 from wil_campaign.vehicles.errors import VehicleError
 from wil_campaign.vehicles.links.link_strings import LinkAddress, LinkAddressError, parse_link
 
@@ -28,20 +28,20 @@ def check_vehicle(
     """
     names = [*checks]
     if len(names) > 1:
-        err(f"--{names[0]} and --{names[1]}: one check at a time")
+        write_stderr(f"--{names[0]} and --{names[1]}: one check at a time")
         return REFUSED
     for name in names:
-        if why := absent(vehicle_checks).get(name):
-            err(why)
+        if why := absent_additions(vehicle_checks).get(name):
+            write_stderr(why)
             return REFUSED
-        check: Callable[..., int] = load(added(vehicle_checks)[name].check)
+        check: Callable[..., int] = load_plugin_object(plugin_additions(vehicle_checks)[name].check)
         return check(link, arm_real=arm_real, results=results, as_json=as_json)
     try:
-        found = find_vehicle(vehicle_address(link or ""))
-    except (RefusedError, VehicleError) as error:
-        err(error)
-        return exit_code_of(error)
-    out(to_json(identity_document(found)).rstrip() if as_json else found)
+        found = find_vehicle_to_arm(vehicle_address(link or ""))
+    except (FlightRefusedError, VehicleError) as error:
+        write_stderr(error)
+        return check_exit_code(error)
+    write_stdout(to_json(identity_document(found)).rstrip() if as_json else found)
     return 0
 
 
@@ -53,9 +53,9 @@ def vehicle_address(link: str) -> LinkAddress:
     return address
 
 
-def exit_code_of(error: Exception) -> int:
+def check_exit_code(error: Exception) -> int:
     """Return the exit code of a check that an error ended before the vehicle flew."""
-    if isinstance(error, RefusedError):
+    if isinstance(error, FlightRefusedError):
         return error.code
     return REFUSED if isinstance(error, LinkAddressError) else UNAVAILABLE
 

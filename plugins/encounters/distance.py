@@ -5,14 +5,14 @@ from typing import Annotated
 
 from pydantic import Field
 
-from wil_campaign.foundation.files.documents import closest
+from wil_campaign.foundation.files.documents import closest_word
 from wil_campaign.safety.model.samples import PoseSample
 from wil_campaign.safety.oracles.limit_oracle import (
-    Band,
+    BandParameters,
     LimitOracle,
     band_limits,
-    beside_limit,
-    limit_of,
+    shown_limit,
+    value_beside_limit,
 )
 from wil_campaign.safety.oracles.oracle import (
     NO_FLAGS,
@@ -20,14 +20,14 @@ from wil_campaign.safety.oracles.oracle import (
     Oracle,
     OracleContext,
     OracleError,
-    Probe,
-    Terms,
+    OracleTerms,
+    WorldProbe,
     oracle,
 )
 from wil_campaign.safety.oracles.oracle_terms import IN_THE_AIR
 
 
-class DistanceParameters(Band):
+class DistanceParameters(BandParameters):
     """object: its name; min_m, max_m: limits of the distance from the body to its nearest point."""
 
     object: Annotated[str, Field(description="the name of the object in the world")]
@@ -35,20 +35,20 @@ class DistanceParameters(Band):
     max_m: Annotated[float | None, Field(gt=0, description="never farther than this")] = None
 
 
-class Distance(LimitOracle):
+class DistanceOracle(LimitOracle):
     """The oracle of the distance to an object; between two poses the nearest point counts."""
 
     def __init__(
         self,
-        terms: Terms,
+        terms: OracleTerms,
         *,
         thing: str,
-        probe: Probe,
+        probe: WorldProbe,
         events: Mapping[str, float],
         min_m: float | None,
         max_m: float | None,
     ) -> None:
-        super().__init__(terms, unit="m", limit=limit_of(min_m, max_m))
+        super().__init__(terms, unit="m", limit=shown_limit(min_m, max_m))
         self._thing = thing
         self._probe = probe
         self._events = events
@@ -77,7 +77,9 @@ class Distance(LimitOracle):
         )
 
     def _text(self, distance_m: float) -> str:
-        figure, _, limit = beside_limit(distance_m, self._min_m, self._max_m, "m").partition("; ")
+        figure, _, limit = value_beside_limit(distance_m, self._min_m, self._max_m, "m").partition(
+            "; "
+        )
         return f"{figure} from {self._thing}; {limit}"
 
     def _nearest(self, first: PoseSample, last: PoseSample) -> tuple[float, float]:
@@ -95,9 +97,9 @@ class Distance(LimitOracle):
     objects=lambda given, _: (given.object,),
     limits=lambda part: band_limits(part, f"distance to {part.get('object')}", in_the_air=False),
 )
-def distance(terms: Terms, parameters: DistanceParameters, context: OracleContext) -> Oracle:
+def distance(terms: OracleTerms, parameters: DistanceParameters, context: OracleContext) -> Oracle:
     """Return the oracle of a distance. Raises OracleError when the object is not there."""
-    return Distance(
+    return DistanceOracle(
         terms,
         thing=parameters.object,
         probe=probe_of_object(terms, parameters.object, context),
@@ -107,7 +109,7 @@ def distance(terms: Terms, parameters: DistanceParameters, context: OracleContex
     )
 
 
-def probe_of_object(terms: Terms, thing: str, context: OracleContext) -> Probe:
+def probe_of_object(terms: OracleTerms, thing: str, context: OracleContext) -> WorldProbe:
     """Return a probe of one object for an oracle. Raises OracleError when it is not there."""
     if thing not in context.things or context.probe_of is None:
         known = ", ".join(context.things) or "none"
@@ -115,6 +117,6 @@ def probe_of_object(terms: Terms, thing: str, context: OracleContext) -> Probe:
             f"oracle {terms.name!r}: the judged world has no object {thing!r} in mode "
             f"{context.mode} (there are: {known})",
             key="object",
-            suggestion=closest(thing, context.things),
+            suggestion=closest_word(thing, context.things),
         )
     return context.probe_of(thing)

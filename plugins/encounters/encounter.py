@@ -13,13 +13,13 @@ from wil_campaign.safety.oracles.oracle import (
     Flags,
     Oracle,
     OracleContext,
-    Probe,
-    Terms,
+    OracleTerms,
     Windowed,
+    WorldProbe,
     oracle,
 )
 from wil_campaign.safety.oracles.oracle_terms import ON_GOAL
-from wil_campaign.worlds.figures import distinct_text
+from wil_campaign.worlds.figures import distinct_value_text
 
 
 class EncounterParameters(Windowed):
@@ -32,7 +32,7 @@ class EncounterParameters(Windowed):
     ] = 0.0
 
 
-class Encounter(Oracle):
+class EncounterOracle(Oracle):
     """The oracle of an encounter: the time for which vehicle and object were near each other.
 
     actual: that time; limit: the least that is asked for. The time between two poses counts where
@@ -41,10 +41,10 @@ class Encounter(Oracle):
 
     def __init__(
         self,
-        terms: Terms,
+        terms: OracleTerms,
         *,
         thing: str,
-        probe: Probe,
+        probe: WorldProbe,
         events: Mapping[str, float],
         within_m: float,
         for_s: float,
@@ -90,8 +90,8 @@ class Encounter(Oracle):
         met_s = self._near_before_s + self._near_now_s
         margin_s = met_s - self._for_s
         is_met = self._nearest_m <= self._within_m
-        near_s = distinct_text(met_s, self._for_s)
-        nearest_m = distinct_text(self._nearest_m, self._within_m)
+        near_s = distinct_value_text(met_s, self._for_s)
+        nearest_m = distinct_value_text(self._nearest_m, self._within_m)
         asked = f"{self._for_s:g} s within {self._within_m:g} m are asked for"
         detail = f"{self._thing} was near for {near_s} s; {asked}"
         if not is_met:
@@ -115,9 +115,11 @@ class Encounter(Oracle):
     at_the_end=True,
     objects=lambda given, _: (given.object,),
 )
-def encounter(terms: Terms, parameters: EncounterParameters, context: OracleContext) -> Oracle:
+def encounter(
+    terms: OracleTerms, parameters: EncounterParameters, context: OracleContext
+) -> Oracle:
     """Return the oracle of an encounter. Raises OracleError when the object is not there."""
-    return Encounter(
+    return EncounterOracle(
         terms,
         thing=parameters.object,
         probe=probe_of_object(terms, parameters.object, context),

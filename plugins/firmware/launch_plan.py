@@ -8,13 +8,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import ClassVar, Literal
 
-from wil_campaign.foundation.files.paths import exists, is_folder
-from wil_campaign.vehicles.launch import Launch, LaunchError
+from wil_campaign.foundation.files.paths import is_folder, path_exists
+from wil_campaign.vehicles.launch import LaunchError, SimulatorLaunch
 from wil_campaign.vehicles.links.link_strings import LinkAddress
 
 
 @dataclass(frozen=True, slots=True)
-class Port:
+class LaunchPort:
     """A port on this machine that the launched program, or the link to it, binds."""
 
     number: int
@@ -48,7 +48,7 @@ def parameter_text(value: float) -> str:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class PlannedLaunch(Launch):
+class PlannedLaunch(SimulatorLaunch):
     """A kind of simulator that can be launched several times on one machine."""
 
     label: ClassVar[str]
@@ -57,7 +57,7 @@ class PlannedLaunch(Launch):
     """How many of them port numbers allow."""
 
     @abstractmethod
-    def ports(self, instance: int) -> tuple[Port, ...]:
+    def ports(self, instance: int) -> tuple[LaunchPort, ...]:
         """Return the ports that an instance of the launch binds."""
 
     @abstractmethod
@@ -65,12 +65,12 @@ class PlannedLaunch(Launch):
         """Return the launch plan of an instance that runs in `folder`."""
 
 
-def executable(path: Path, label: str, remedy: str) -> str:
+def launch_executable(path: Path, label: str, remedy: str) -> str:
     """Return a launched program's absolute path, PATH included. Raises LaunchError."""
     found = shutil.which(str(path))
     if found is not None:
         return str(Path(found).absolute())
-    if not exists(path):
+    if not path_exists(path):
         raise LaunchError(f"{label}: there is no program {path}; {remedy}, or correct the path")
     if is_folder(path):
         raise LaunchError(f"{label}: {path} is a folder; name the program in it")

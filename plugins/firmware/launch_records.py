@@ -45,7 +45,7 @@ class LaunchRecord:
         return tuple(working_in(Path(self.folder)))
 
 
-def find_orphans(root: Path) -> tuple[LaunchRecord, ...]:
+def find_orphaned_launches(root: Path) -> tuple[LaunchRecord, ...]:
     """Return the launch records of orphans in folders below `root`."""
     return tuple(record for record in _records(root) if record.is_orphan)
 

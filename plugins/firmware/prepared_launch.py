@@ -18,9 +18,9 @@ from typing import Self
 
 from wil_campaign.foundation.processes.child import run_briefly
 from wil_campaign.foundation.processes.identity import ProcessId, boot_id
-from wil_campaign.foundation.processes.supervisor import supervised
-from wil_campaign.foundation.tasks import finish
-from wil_campaign.plugins.firmware.launch_plan import LaunchPlan, PlannedLaunch, Port
+from wil_campaign.foundation.processes.supervisor import supervised_command
+from wil_campaign.foundation.tasks import finish_in_task
+from wil_campaign.plugins.firmware.launch_plan import LaunchPlan, LaunchPort, PlannedLaunch
 from wil_campaign.plugins.firmware.launch_records import RECORD, LaunchRecord
 from wil_campaign.vehicles.launch import LaunchError, StartProcess
 from wil_campaign.vehicles.links.link_strings import LinkAddress
@@ -29,7 +29,7 @@ _TAIL_LINES = 15
 _COLOURS = re.compile(rb"\x1b\[[0-9;]*[A-Za-z]")
 
 
-class Output:
+class SimulatorOutput:
     """A simulator's output: the complete lines of a growing file, without colours."""
 
     def __init__(self, path: Path) -> None:
@@ -62,7 +62,7 @@ class Output:
         return "\n".join(self._tail)
 
 
-class Instance:
+class SimulatorInstance:
     """An instance number of one kind of simulator, reserved until it is closed.
 
     A file lock, which the kernel frees when its holder dies, excludes this user's other runs;
@@ -86,24 +86,24 @@ class Instance:
         self.close()
 
 
-def lock_folder() -> Path:
+def instance_lock_folder() -> Path:
     """Return the folder of this user's instance locks."""
     return Path(tempfile.gettempdir()) / f"wil-campaign-{os.getuid()}"
 
 
-def receive_instance(launch: PlannedLaunch, *, locks: Path | None = None) -> Instance:
+def receive_instance(launch: PlannedLaunch, *, locks: Path | None = None) -> SimulatorInstance:
     """Return a free instance of a kind of simulator. Raises LaunchError when there is none."""
-    folder = lock_folder() if locks is None else locks
+    folder = instance_lock_folder() if locks is None else locks
     folder.mkdir(mode=0o700, parents=True, exist_ok=True)
     stem = "".join(character if character.isalnum() else "-" for character in launch.label.lower())
-    taken: list[Port] = []
+    taken: list[LaunchPort] = []
     for number in range(launch.instances):
         lock = _lock_instance(folder / f"{stem}-{number}.lock")
         if lock is None:
             continue
-        busy = next((port for port in launch.ports(number) if not is_free(port)), None)
+        busy = next((port for port in launch.ports(number) if not is_port_free(port)), None)
         if busy is None:
-            return Instance(number=number, lock=lock)
+            return SimulatorInstance(number=number, lock=lock)
         os.close(lock)
         taken.append(busy)
     used = ", ".join(f"{port.kind} {port.number}" for port in taken)
@@ -114,7 +114,7 @@ def receive_instance(launch: PlannedLaunch, *, locks: Path | None = None) -> Ins
     )
 
 
-def is_free(port: Port) -> bool:
+def is_port_free(port: LaunchPort) -> bool:
     """Return whether an instance's port is not bound; no listener notices."""
     kind = socket.SOCK_STREAM if port.kind == "tcp" else socket.SOCK_DGRAM
     with socket.socket(socket.AF_INET, kind) as probe:
@@ -165,7 +165,7 @@ class PreparedLaunch:
                 f"{launch.label}: cannot create its folder {folder}: {error.strerror}"
             ) from error
         self.folder = folder
-        self._instance: Instance = receive_instance(launch, locks=locks)
+        self._instance: SimulatorInstance = receive_instance(launch, locks=locks)
         try:
             self.plan: LaunchPlan = launch.plan(
                 instance=self._instance.number, system_id=system_id, folder=folder
@@ -205,7 +205,9 @@ class PreparedLaunch:
         """Return the command that launches it under a supervisor; arguments: see there."""
         # The supervisor truncates it; until then readers find an empty file.
         self.output.touch()
-        return supervised(self.plan.argv, parent=parent, grace_s=grace_s, folder=str(self.folder))
+        return supervised_command(
+            self.plan.argv, parent=parent, grace_s=grace_s, folder=str(self.folder)
+        )
 
     def note(self, pid: int) -> None:
         """Record that it is launched, so that orphans are found; pid: of its supervisor."""
@@ -224,7 +226,7 @@ class PreparedLaunch:
 
         end: done when its process has ended, with the exit code.
         """
-        plan, output, complaints = self.plan, Output(self.output), list[str]()
+        plan, output, complaints = self.plan, SimulatorOutput(self.output), list[str]()
         loop = asyncio.get_running_loop()
         deadline_s = loop.time() + ready_s
         while True:
@@ -246,10 +248,10 @@ class PreparedLaunch:
             # Until the next poll, or the simulator's end.
             await asyncio.wait({end}, timeout=_POLL_S)
 
-    def died(self, exit_code: int | None, output: Output | None = None) -> LaunchError:
+    def died(self, exit_code: int | None, output: SimulatorOutput | None = None) -> LaunchError:
         """Return the error of a launched simulator that ended, with its last output."""
         if output is None:
-            output = Output(self.output)
+            output = SimulatorOutput(self.output)
             output.new_lines(ended=True)
         last_output = output.last_output or "it printed nothing"
         how = f"exit code {exit_code}"
@@ -267,7 +269,7 @@ class PreparedLaunch:
         """Remove what remains of an ended simulator."""
         if self.plan.cleanup:
             # Cut off, it would leave what it removes: a container that flies on.
-            await finish(run_briefly(self.plan.cleanup), name="clean up")
+            await finish_in_task(run_briefly(self.plan.cleanup), name="clean up")
         (self.folder / RECORD).unlink(missing_ok=True)
 
     def close(self) -> None:

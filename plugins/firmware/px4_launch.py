@@ -17,13 +17,13 @@ from pydantic import model_validator
 from wil_campaign.foundation.files.paths import is_file, is_folder
 from wil_campaign.plugins.firmware.launch_plan import (
     LaunchPlan,
+    LaunchPort,
     PlannedLaunch,
-    Port,
-    executable,
+    launch_executable,
     parameter_text,
 )
 from wil_campaign.plugins.firmware.prepared_launch import PreparedLaunch
-from wil_campaign.vehicles.launch import LaunchError, LaunchPart, Pace, Text, beside
+from wil_campaign.vehicles.launch import LaunchError, LaunchPart, Pace, Text, path_beside_campaign
 from wil_campaign.vehicles.links.link_strings import LinkAddress
 
 _API_PORT = 14540
@@ -80,12 +80,12 @@ class Px4Launch(PlannedLaunch):
                 "as PX4-Autopilot/build/px4_sitl_default"
             )
 
-    def ports(self, instance: int) -> tuple[Port, ...]:
+    def ports(self, instance: int) -> tuple[LaunchPort, ...]:
         """Return the ports that a PX4 instance binds, and the one that the link to it binds."""
         numbers = [_API_PORT + instance, *(base + instance for base in _LOCAL_PORTS)]
         if self.model.startswith("sihsim"):
             numbers.append(_SIH_PORT + instance)
-        return tuple(Port(number, "udp") for number in numbers)
+        return tuple(LaunchPort(number, "udp") for number in numbers)
 
     def plan(self, *, instance: int, system_id: int, folder: Path) -> LaunchPlan:
         """Return PX4's launch plan; parameters and logs go to its working folder."""
@@ -158,7 +158,7 @@ class Px4Launch(PlannedLaunch):
     def _binary(build: Path) -> str:
         if not is_folder(build):
             raise LaunchError(f"PX4 SITL: there is no build folder {build}; run 'make px4_sitl'")
-        return executable(build / "bin" / "px4", "PX4 SITL", "run 'make px4_sitl'")
+        return launch_executable(build / "bin" / "px4", "PX4 SITL", "run 'make px4_sitl'")
 
     @staticmethod
     def _docker() -> str:
@@ -198,7 +198,7 @@ class Px4LaunchPart(LaunchPart):
     def setup(self, folder: Path) -> Px4Launch:
         """Return the launch of PX4's simulation."""
         return Px4Launch(
-            build=None if self.build is None else beside(folder, self.build),
+            build=None if self.build is None else path_beside_campaign(folder, self.build),
             image=self.image,
             model=self.model,
             pace=self.speed,

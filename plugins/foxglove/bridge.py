@@ -14,7 +14,7 @@ _FIXED_S = 1.0
 """Period of the transforms that do not change, for clients that connect later."""
 
 
-class Bridge:
+class FoxgloveBridge:
     """Sends the messages of live feeds to a Foxglove server."""
 
     def __init__(self, server: FoxgloveServer) -> None:

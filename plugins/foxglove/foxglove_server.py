@@ -6,11 +6,11 @@ The SDK sends in its own threads; for a slow client it drops the oldest messages
 from types import TracebackType
 from typing import TYPE_CHECKING, Self
 
-from wil_campaign.orchestrator.recording.mcap.mcap_encode import Channel, Message
-from wil_campaign.orchestrator.recording.mcap.mcap_schemas import schema_of, schemas
+from wil_campaign.orchestrator.recording.mcap.mcap_encode import McapChannel, McapMessage
+from wil_campaign.orchestrator.recording.mcap.mcap_schemas import mcap_schema_texts, schema_of_class
 from wil_campaign.plugins.console.console_address import ConsoleAddress
 from wil_campaign.plugins.foxglove.errors import BridgeError
-from wil_campaign.plugins.foxglove.live_messages import ALWAYS, RUN, RunState
+from wil_campaign.plugins.foxglove.live_messages import ALWAYS, RUN, RunStateMessage
 
 if TYPE_CHECKING:  # of an extra
     import foxglove
@@ -28,7 +28,7 @@ class FoxgloveServer:
 
     def __init__(self, address: ConsoleAddress) -> None:
         self._address = address
-        self._channels: dict[Channel, foxglove.Channel] = {}
+        self._channels: dict[McapChannel, foxglove.Channel] = {}
         self._server: WebSocketServer | None = None
 
     def __enter__(self) -> Self:
@@ -82,13 +82,17 @@ class FoxgloveServer:
         if self._server is not None:
             self._server.broadcast_time(ns)
 
-    def send(self, message: Message) -> None:
+    def send(self, message: McapMessage) -> None:
         """Send a message to all subscribers of its topic, without waiting."""
         self._channel(message.channel).log(message.data, log_time=message.log_ns)
 
-    def _channel(self, channel: Channel) -> "foxglove.Channel":
+    def _channel(self, channel: McapChannel) -> "foxglove.Channel":
         if channel not in self._channels:
-            text = schema_of(RUN.schema, RunState) if channel == RUN else schemas()[channel.schema]
+            text = (
+                schema_of_class(RUN.schema, RunStateMessage)
+                if channel == RUN
+                else mcap_schema_texts()[channel.schema]
+            )
             self._channels[channel] = self._sdk.Channel(
                 channel.topic,
                 schema=self._sdk.Schema(name=channel.schema, encoding="jsonschema", data=text),

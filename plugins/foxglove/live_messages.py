@@ -16,10 +16,10 @@ from wil_campaign.orchestrator.live_feed.feed_messages import (
 from wil_campaign.orchestrator.recording.mcap.mcap_encode import (
     LOG,
     TRANSFORMS,
-    Channel,
-    Encoder,
     LogLevel,
-    Message,
+    McapChannel,
+    McapEncoder,
+    McapMessage,
     image_frame,
 )
 from wil_campaign.orchestrator.recording.mcap.mcap_settings import RecordingSettings
@@ -27,7 +27,7 @@ from wil_campaign.vehicles.readings import PoseReading, Source
 from wil_campaign.worlds.camera import CameraMount
 from wil_campaign.worlds.frames import Pose
 
-RUN = Channel("/run", "wil.Run", "", "", "run")
+RUN = McapChannel("/run", "wil.Run", "", "", "run")
 """Topic that run.mcap lacks: stage, vehicles, margins and mixtures, as consoles show them."""
 POSE = "pose"
 """The topic of a vehicle's pose, beneath the vehicle's name."""
@@ -35,7 +35,10 @@ ALWAYS = (
     RUN,
     LOG,
     TRANSFORMS,
-    *(Channel(f"/{name}/{POSE}", "foxglove.PoseInFrame", name, POSE) for name in ("real", "twin")),
+    *(
+        McapChannel(f"/{name}/{POSE}", "foxglove.PoseInFrame", name, POSE)
+        for name in ("real", "twin")
+    ),
 )
 """Topics that clients can subscribe to before a flight."""
 _LEVELS: dict[str, LogLevel] = {
@@ -52,7 +55,7 @@ _SOURCES: dict[str, Source] = {"real": "real", "twin": "twin", "mixed": "mixed"}
 
 
 @dataclass(frozen=True, slots=True)
-class RunState:
+class RunStateMessage:
     """The message of `/run`: a RunView without the parts that do not change."""
 
     name: str
@@ -68,16 +71,18 @@ class RunState:
     mixings: tuple[MixingView, ...]
 
 
-_STATE = tuple(field.name for field in fields(RunState))
+_STATE = tuple(field.name for field in fields(RunStateMessage))
 
 
 class LiveMessages:
     """Encodes the live feed of one run. epoch_ns: UTC of its clock's zero. mounts: of cameras."""
 
     def __init__(self, epoch_ns: int, mounts: Mapping[str, CameraMount] | None = None) -> None:
-        self._encoder = Encoder(epoch_s=epoch_ns / 1e9, settings=RecordingSettings(), mounts=mounts)
+        self._encoder = McapEncoder(
+            epoch_s=epoch_ns / 1e9, settings=RecordingSettings(), mounts=mounts
+        )
 
-    def fixed_transforms(self) -> list[Message]:
+    def fixed_transforms(self) -> list[McapMessage]:
         """Return the transforms that do not change in the run."""
         return self._encoder.fixed_transforms()
 
@@ -85,7 +90,7 @@ class LiveMessages:
         """Return a time of the run in nanoseconds since 1970."""
         return self._encoder.stamps.ns(t_s)
 
-    def of(self, message: RunView | EventView | ImageView) -> list[Message]:
+    def of(self, message: RunView | EventView | ImageView) -> list[McapMessage]:
         """Return a message of the live feed as messages of run.mcap."""
         match message:
             case RunView():
@@ -98,7 +103,7 @@ class LiveMessages:
             case ImageView():
                 return [self._image(message)]
 
-    def _pose(self, vehicle: VehicleView, view: RunView) -> list[Message]:
+    def _pose(self, vehicle: VehicleView, view: RunView) -> list[McapMessage]:
         """Return pose and transform of a vehicle; empty while they are unknown."""
         source = _SOURCES.get(vehicle.name)
         position, attitude, t_s = vehicle.position_ned_m, vehicle.q_wxyz, vehicle.pose_t_s
@@ -107,11 +112,11 @@ class LiveMessages:
         reading = PoseReading(t_s, view.t_s, source, Pose(position, attitude), sensor=POSE)
         return self._encoder.encode(POSE, reading)
 
-    def _run(self, view: RunView) -> Message:
+    def _run(self, view: RunView) -> McapMessage:
         state = {name: msgspec.to_builtins(getattr(view, name)) for name in _STATE}
         return self._encoder.message(RUN, state, t_s=view.t_s, arrived_s=view.t_s)
 
-    def _event(self, event: EventView) -> Message:
+    def _event(self, event: EventView) -> McapMessage:
         """Return an event as a message of the run's log, as in run.mcap."""
         if event.kind == "stage":
             return self._encoder.event(event.t_s, _LEVELS["stage"], "stage", event.word)
@@ -122,7 +127,7 @@ class LiveMessages:
             name, text = event.word, event.text
         return self._encoder.event(event.t_s, _level(event), name, text)
 
-    def _image(self, image: ImageView) -> Message:
+    def _image(self, image: ImageView) -> McapMessage:
         """Return an image as sent to consoles: smaller than in run.mcap."""
         topic = f"/{image.source}/{image.sensor}"
         shown = {
@@ -140,7 +145,7 @@ class LiveMessages:
             },
         }
         return self._encoder.message(
-            Channel(topic, "foxglove.CompressedImage", image.source, image.sensor),
+            McapChannel(topic, "foxglove.CompressedImage", image.source, image.sensor),
             shown,
             t_s=image.t_s,
             arrived_s=image.arrived_s,

@@ -13,7 +13,7 @@ _BLOCK = 256
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Bursts:
+class BurstLoss:
     """An impairment: loss in bursts, by the two-state model of Gilbert and Elliott.
 
     The state changes with time, not with each frame, so that a burst is as long in both directions
@@ -75,7 +75,7 @@ class Impairment:
     latency_s: float = 0.0
     jitter_s: float = 0.0
     loss: float = 0.0
-    bursts: Bursts | None = None
+    bursts: BurstLoss | None = None
     duplicate: float = 0.0
     reorder: float = 0.0
     reorder_by_s: float = 0.05

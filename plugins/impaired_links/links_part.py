@@ -7,7 +7,7 @@ from pydantic import Field, model_validator
 from wil_campaign.campaigns.schema import CampaignPart
 from wil_campaign.campaigns.schema.faults import Duration, FlightStage
 from wil_campaign.foundation.files.documents import Document, KeyFaultError, Part, Problem
-from wil_campaign.plugins.impaired_links.impairment import Bursts, Impairment, LinkOutage
+from wil_campaign.plugins.impaired_links.impairment import BurstLoss, Impairment, LinkOutage
 from wil_campaign.plugins.impaired_links.link_setups import (
     ImpairedLinks,
     LinkSetup,
@@ -93,7 +93,7 @@ class WayPart(Part):
             latency_s=self.latency_ms / 1e3,
             jitter_s=self.jitter_ms / 1e3,
             loss=self.loss,
-            bursts=None if bursts is None else Bursts(**bursts.model_dump()),
+            bursts=None if bursts is None else BurstLoss(**bursts.model_dump()),
             duplicate=self.duplicate,
             reorder=self.reorder,
             corrupt=self.corrupt,

@@ -8,7 +8,7 @@ from wil_campaign.campaigns.checks.place_checks import judged_world
 from wil_campaign.campaigns.schema import Mode
 from wil_campaign.campaigns.setup.case_files import CaseFiles
 from wil_campaign.campaigns.setup.case_setup import FLIES, Case, ObserverSetup, VehicleSetup
-from wil_campaign.foundation.files.documents import Path, Problem, closest
+from wil_campaign.foundation.files.documents import Path, Problem, closest_word
 from wil_campaign.plugins.injection.injection_support import unsupported_injection
 from wil_campaign.recipes.working import Side
 
@@ -78,7 +78,7 @@ def _injection(
     for index, thing in enumerate(injection.objects):
         at: Path = (*path, "objects", index) if injection.thing != "landing_target" else path
         if thing not in case.world.objects:
-            meant = closest(thing, case.world.objects)
+            meant = closest_word(thing, case.world.objects)
             yield files.campaign.problem(at, f"no object '{thing}' in the world", meant)
         elif thing not in scene:
             message = f"'{thing}' is not in {judged_world(mode)} in mode {mode}"
@@ -92,7 +92,9 @@ def _unmixed_sensor(
     mixed = frozenset[str]() if case.recipe is None else case.recipe.sensors_for(vehicle.name)
     if injection.sensor is not None and injection.sensor not in mixed:
         message = f"the recipe mixes no '{injection.sensor}' for '{vehicle.name}'"
-        yield files.campaign.problem((*path, "sensor"), message, closest(injection.sensor, mixed))
+        yield files.campaign.problem(
+            (*path, "sensor"), message, closest_word(injection.sensor, mixed)
+        )
 
 
 def _missing_sensors(
@@ -104,13 +106,13 @@ def _missing_sensors(
         fitting = [sensor.name for sensor in vehicle.sensors if sensor.kind == kind]
         if injection.sensor not in fitting:
             message = f"vehicle '{vehicle.name}' has no {kind} '{injection.sensor}'"
-            meant = closest(injection.sensor or "", fitting)
+            meant = closest_word(injection.sensor or "", fitting)
             yield files.campaign.problem((*path, "sensor"), message, meant)
     if injection.thing in _POSES and injection.sensor is not None:
         fitting = [sensor.name for sensor in vehicle.sensors if sensor.kind == "pose"]
         if injection.sensor not in fitting:
             message = f"vehicle '{vehicle.name}' has no pose '{injection.sensor}'"
-            meant = closest(injection.sensor, fitting)
+            meant = closest_word(injection.sensor, fitting)
             yield files.campaign.problem((*path, "sensor"), message, meant)
     elif injection.thing in _POSES and vehicle.pose_source != "mocap":
         message = f"'{vehicle.name}' has no motion capture: it needs pose_source: mocap"

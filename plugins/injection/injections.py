@@ -20,13 +20,13 @@ from wil_campaign.plugins.injection.injection_setups import (
     InjectionSetups,
 )
 from wil_campaign.plugins.injection.injection_support import (
-    flown_mode,
     injection_faults,
+    injection_mode,
     matters_in_flight,
     parameters_to_read,
 )
 from wil_campaign.plugins.injection.injector import Injector, ScenePoses
-from wil_campaign.plugins.injection.rules import Ignored, InjectionKind
+from wil_campaign.plugins.injection.rules import IgnoredInjection, InjectionKind
 from wil_campaign.vehicles.errors import ParameterError, VehicleError
 from wil_campaign.vehicles.readings import Reading
 from wil_campaign.worlds.frames import Pose, rotate
@@ -48,7 +48,7 @@ class InjectionProof:
     thing: InjectionKind
     parameters: Mapping[str, float]
 
-    def broken(self) -> tuple[Ignored, ...]:
+    def broken(self) -> tuple[IgnoredInjection, ...]:
         """Return why injections are ignored now, in the flown mode and setpoints."""
         if not matters_in_flight(self.thing):
             return ()
@@ -57,7 +57,7 @@ class InjectionProof:
             self.autopilot, self.thing, self.parameters, mode, setpoints=setpoints or "velocity"
         )
 
-    def text_of(self, reasons: Iterable[Ignored]) -> str:
+    def text_of(self, reasons: Iterable[IgnoredInjection]) -> str:
         """Return reasons of ignored injections in words, with the vehicle."""
         return "; ".join(f"{self.context.name}, {self.thing}: {reason}" for reason in reasons)
 
@@ -82,13 +82,13 @@ async def prove_injection(
         for injection in requested:
             if context.name not in injection.to:
                 continue
-            thing = message_name(injection.thing, _mount(vehicle, injection.sensor))
+            thing = injected_message_name(injection.thing, _mount(vehicle, injection.sensor))
             proof = await _read_parameters(context, vehicle.autopilot, thing)
             reasons = injection_faults(
                 vehicle.autopilot,
                 thing,
                 proof.parameters,
-                flown_mode(vehicle.autopilot, thing),
+                injection_mode(vehicle.autopilot, thing),
                 unbooted=unbooted.get(context.name, frozenset()),
             )
             proofs.append(proof)
@@ -98,7 +98,7 @@ async def prove_injection(
     return tuple(proofs)
 
 
-def message_name(injected: Injected, mount: Pose | None) -> InjectionKind:
+def injected_message_name(injected: Injected, mount: Pose | None) -> InjectionKind:
     """Return the injected message's name in the rules; a rangefinder's mount decides."""
     if injected == "distance_sensor" and mount is not None:
         down = rotate(mount.q_wxyz, (1.0, 0.0, 0.0))[2]

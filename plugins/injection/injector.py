@@ -18,10 +18,10 @@ from wil_campaign.plugins.injection.injection_setups import InjectionSetup
 from wil_campaign.plugins.injection.pose_messages import (
     PoseSpread,
     landing_target,
-    odometry,
+    odometry_message,
     vision_position_estimate,
 )
-from wil_campaign.plugins.injection.range_messages import distance_sensor, obstacle_distance
+from wil_campaign.plugins.injection.range_messages import distance_sensor_message, obstacle_distance
 from wil_campaign.plugins.injection.traffic_messages import Intruder, adsb_vehicle
 from wil_campaign.vehicles.readings import (
     LidarScanReading,
@@ -150,7 +150,7 @@ class Injector:
             if injection.thing == "obstacle_distance" and isinstance(reading, LidarScanReading):
                 self._offer(injection, "", obstacle_distance(reading), reading.t_s)
             elif injection.thing == "distance_sensor" and isinstance(reading, RangefinderReading):
-                self._offer(injection, "", distance_sensor(reading), reading.t_s)
+                self._offer(injection, "", distance_sensor_message(reading), reading.t_s)
             elif isinstance(reading, PoseReading):
                 self._offer_pose(injection, reading)
 
@@ -194,7 +194,7 @@ class Injector:
             message = vision_position_estimate(reading, spread=self._spread)
             self._offer(one, "", message, reading.t_s)
         elif one.thing == "odometry" and self._has_velocity(reading):
-            message = odometry(reading, autopilot=self._autopilot, spread=self._spread)
+            message = odometry_message(reading, autopilot=self._autopilot, spread=self._spread)
             self._offer(one, "", message, reading.t_s)
 
     def _offer(self, one: InjectionSetup, which: str, message: Any, t_s: float) -> None:

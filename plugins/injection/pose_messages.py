@@ -11,7 +11,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from wil_campaign.plugins.injection.range_messages import microseconds
+from wil_campaign.plugins.injection.range_messages import message_microseconds
 from wil_campaign.vehicles.readings import PoseReading
 from wil_campaign.worlds.frames import Pose, Vec3, euler_from_quat, norm, quat_conjugate, rotate
 
@@ -35,7 +35,7 @@ def vision_position_estimate(reading: PoseReading, *, spread: PoseSpread | None 
     """
     roll, pitch, yaw = euler_from_quat(reading.pose.q_wxyz)
     return mavlink.MAVLink_vision_position_estimate_message(
-        microseconds(reading.t_s),
+        message_microseconds(reading.t_s),
         *reading.pose.position_ned_m,
         roll,
         pitch,
@@ -44,7 +44,9 @@ def vision_position_estimate(reading: PoseReading, *, spread: PoseSpread | None 
     )
 
 
-def odometry(reading: PoseReading, *, autopilot: str, spread: PoseSpread | None = None) -> Any:
+def odometry_message(
+    reading: PoseReading, *, autopilot: str, spread: PoseSpread | None = None
+) -> Any:
     """Return a pose and velocity as ODOMETRY (331).
 
     Child frame BODY_FRD. ArduPilot accepts only frame LOCAL_FRD, with forward as north; for PX4
@@ -59,7 +61,7 @@ def odometry(reading: PoseReading, *, autopilot: str, spread: PoseSpread | None 
     velocity_frd = rotate(quat_conjugate(q), velocity) if velocity is not None else unknown
     is_px4 = autopilot == "px4"
     return mavlink.MAVLink_odometry_message(
-        microseconds(reading.t_s),
+        message_microseconds(reading.t_s),
         mavlink.MAV_FRAME_LOCAL_NED if is_px4 else mavlink.MAV_FRAME_LOCAL_FRD,
         mavlink.MAV_FRAME_BODY_FRD,
         *reading.pose.position_ned_m,
@@ -89,7 +91,7 @@ def landing_target(
     is_px4 = autopilot == "px4"
     x, y, z = target_ned_m if is_px4 else target_frd_m
     return mavlink.MAVLink_landing_target_message(
-        time_usec=microseconds(t_s),
+        time_usec=message_microseconds(t_s),
         target_num=0,
         frame=mavlink.MAV_FRAME_LOCAL_NED if is_px4 else mavlink.MAV_FRAME_BODY_FRD,
         angle_x=math.atan2(target_frd_m[1], target_frd_m[2]),

@@ -37,7 +37,7 @@ def obstacle_distance(scan: LidarScanReading) -> Any:
     nearest_cm = np.full(SECTORS, UNKNOWN_CM, np.int64)
     np.minimum.at(nearest_cm, sectors, beams_cm)
     return mavlink.MAVLink_obstacle_distance_message(
-        time_usec=microseconds(scan.t_s),
+        time_usec=message_microseconds(scan.t_s),
         sensor_type=mavlink.MAV_DISTANCE_SENSOR_LASER,
         distances=nearest_cm.tolist(),
         increment=int(SECTOR_DEG),
@@ -49,7 +49,7 @@ def obstacle_distance(scan: LidarScanReading) -> Any:
     )
 
 
-def distance_sensor(reading: RangefinderReading, *, field_of_view_rad: float = 0.0) -> Any:
+def distance_sensor_message(reading: RangefinderReading, *, field_of_view_rad: float = 0.0) -> Any:
     """Return a rangefinder's sample as DISTANCE_SENSOR (132), in centimetres.
 
     The direction of the mount becomes one of MAVLink's orientations: the nearest of eight to the
@@ -60,11 +60,11 @@ def distance_sensor(reading: RangefinderReading, *, field_of_view_rad: float = 0
         raise ValueError("the rangefinder's range is NaN")
     max_cm = _centimetres(reading.range_max_m)
     is_free = not reading.range_m <= reading.range_max_m
-    orientation = orientation_of(reading.mount)
+    orientation = sensor_orientation(reading.mount)
     quaternion = reading.mount.q_wxyz
     is_custom = orientation == mavlink.MAV_SENSOR_ROTATION_CUSTOM
     return mavlink.MAVLink_distance_sensor_message(
-        time_boot_ms=milliseconds(reading.t_s),
+        time_boot_ms=message_milliseconds(reading.t_s),
         min_distance=_centimetres(reading.range_min_m),
         max_distance=max_cm,
         current_distance=max_cm + 1 if is_free else _centimetres(reading.range_m),
@@ -79,7 +79,7 @@ def distance_sensor(reading: RangefinderReading, *, field_of_view_rad: float = 0
     )
 
 
-def orientation_of(mount: Pose) -> int:
+def sensor_orientation(mount: Pose) -> int:
     """Return a range sensor's MAV_SENSOR_ORIENTATION: along its mount's x axis."""
     forward, right, down = rotate(mount.q_wxyz, (1.0, 0.0, 0.0))
     elevation_rad = math.asin(max(-1.0, min(1.0, -down)))
@@ -93,12 +93,12 @@ def orientation_of(mount: Pose) -> int:
     return int(mavlink.MAV_SENSOR_ROTATION_CUSTOM)
 
 
-def microseconds(t_s: float) -> int:
+def message_microseconds(t_s: float) -> int:
     """Return a run-clock time as a range message's time_usec."""
     return max(0, round(t_s * 1e6))
 
 
-def milliseconds(t_s: float) -> int:
+def message_milliseconds(t_s: float) -> int:
     """Return a run-clock time as a range message's time_boot_ms."""
     return max(0, round(t_s * 1e3)) & 0xFFFFFFFF
 

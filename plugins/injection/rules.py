@@ -31,7 +31,7 @@ InjectionKind = Literal[
 
 
 @dataclass(frozen=True, slots=True)
-class Situation:
+class InjectionSituation:
     """The input of injection rules. mode: the autopilot's own name ("GUIDED").
 
     unbooted: parameters that were set since the autopilot booted.
@@ -44,7 +44,7 @@ class Situation:
 
 
 @dataclass(frozen=True, slots=True)
-class Ignored:
+class IgnoredInjection:
     """Why an injection would be ignored by the autopilot, and the remedy.
 
     parameter, value: to set; None when no parameter helps. reboot: whether it takes effect only
@@ -61,19 +61,19 @@ class Ignored:
         return f"{self.reason}; {self.remedy}"
 
 
-class Rule(Protocol):
+class InjectionRule(Protocol):
     """A rule of injection support: one condition for the autopilot to use an injection."""
 
     @property
     def parameters(self) -> tuple[str, ...]:
         """Return the names of the parameters that the rule reads."""
 
-    def broken(self, situation: Situation) -> Ignored | None:
+    def broken(self, situation: InjectionSituation) -> IgnoredInjection | None:
         """Return why the rule does not hold; None when it does."""
 
 
 @dataclass(frozen=True, slots=True)
-class Needs:
+class ParameterRule:
     """A rule that a parameter has one of some values, all of some bits, or exceeds a number.
 
     parameter: its name; more_names: those of other versions. advised: the value to set, or the
@@ -94,11 +94,11 @@ class Needs:
         """Return the parameter's names in this rule, the current one first."""
         return (self.parameter, *self.more_names)
 
-    def broken(self, situation: Situation) -> Ignored | None:
+    def broken(self, situation: InjectionSituation) -> IgnoredInjection | None:
         """Return what is wrong with the rule's parameter, also when it is missing."""
         name = next((each for each in self.parameters if each in situation.parameters), None)
         if name is None:
-            return Ignored(
+            return IgnoredInjection(
                 f"{self.parameter} does not exist on this autopilot: {self.meaning}",
                 "its firmware lacks the feature, or its parameter is hidden until the one that "
                 "enables it is set",
@@ -111,7 +111,7 @@ class Needs:
             return self._needs_boot(name, present) if name in situation.unbooted else None
         value = float(round(present) | self.bits) if self.bits else self.advised
         after = " and reboot the autopilot" if self.reboot else ""
-        return Ignored(
+        return IgnoredInjection(
             f"{name} is {present:g}: {self.meaning}",
             f"set {name} to {value:g}{after}",
             name,
@@ -119,11 +119,11 @@ class Needs:
             self.reboot,
         )
 
-    def _needs_boot(self, name: str, value: float) -> Ignored | None:
+    def _needs_boot(self, name: str, value: float) -> IgnoredInjection | None:
         """Return that a parameter of the rule takes effect only after a boot."""
         if not self.reboot:
             return None
-        return Ignored(
+        return IgnoredInjection(
             f"{name} was set to {value:g} since the autopilot booted, and takes effect at the next "
             f"boot: until then {self.meaning}",
             f"set {name} to {value:g} in the vehicle itself, reboot it, and then fly",
@@ -141,7 +141,7 @@ class Needs:
 
 
 @dataclass(frozen=True, slots=True)
-class InModes:
+class ModesRule:
     """A rule that only some modes use the injection. why: end of "in mode X: ..."."""
 
     modes: frozenset[str]
@@ -152,19 +152,19 @@ class InModes:
         """Return none: this rule is about modes."""
         return ()
 
-    def broken(self, situation: Situation) -> Ignored | None:
+    def broken(self, situation: InjectionSituation) -> IgnoredInjection | None:
         """Return that the mode is not one of the rule's."""
         if situation.mode in self.modes:
             return None
         choices = " or ".join(sorted(self.modes))
-        return Ignored(f"in mode {situation.mode}: {self.why}", f"fly in {choices}")
+        return IgnoredInjection(f"in mode {situation.mode}: {self.why}", f"fly in {choices}")
 
 
 @dataclass(frozen=True, slots=True)
-class When:
+class ConditionalRule:
     """A rule that applies only in some modes, and only for some setpoints."""
 
-    rule: Rule
+    rule: InjectionRule
     modes: frozenset[str]
     setpoints: Setpoints | None = None
 
@@ -173,7 +173,7 @@ class When:
         """Return the inner rule's parameters."""
         return self.rule.parameters
 
-    def broken(self, situation: Situation) -> Ignored | None:
+    def broken(self, situation: InjectionSituation) -> IgnoredInjection | None:
         """Return the inner rule's result, where it applies."""
         if situation.mode not in self.modes:
             return None
@@ -183,7 +183,7 @@ class When:
 
 
 @dataclass(frozen=True, slots=True)
-class Never:
+class NeverRule:
     """A rule that the autopilot never uses this injection."""
 
     why: str
@@ -194,20 +194,22 @@ class Never:
         """Return none: this rule never holds."""
         return ()
 
-    def broken(self, _situation: Situation) -> Ignored | None:
+    def broken(self, _situation: InjectionSituation) -> IgnoredInjection | None:
         """Return that the autopilot never uses the injection."""
-        return Ignored(self.why, self.remedy)
+        return IgnoredInjection(self.why, self.remedy)
 
 
-Rules = Mapping[InjectionKind, tuple[Rule, ...]]
+Rules = Mapping[InjectionKind, tuple[InjectionRule, ...]]
 
 
-def broken_rules(rules: Rules, thing: InjectionKind, situation: Situation) -> tuple[Ignored, ...]:
+def broken_injection_rules(
+    rules: Rules, thing: InjectionKind, situation: InjectionSituation
+) -> tuple[IgnoredInjection, ...]:
     """Return why an injection would be ignored, in the order of the rules."""
     results = (rule.broken(situation) for rule in rules[thing])
     return tuple(result for result in results if result is not None)
 
 
-def parameters_in(rules: Rules, thing: InjectionKind) -> tuple[str, ...]:
+def parameters_in_rules(rules: Rules, thing: InjectionKind) -> tuple[str, ...]:
     """Return the names of all parameters that the injection rules read, each once."""
     return tuple(dict.fromkeys(name for rule in rules[thing] for name in rule.parameters))

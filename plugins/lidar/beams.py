@@ -25,7 +25,7 @@ class RangeNoise:
     outlier: float = 0.0
 
 
-def disturb(hits: RayHits, noise: RangeNoise, rng: np.random.Generator) -> RayHits:
+def disturb_hits(hits: RayHits, noise: RangeNoise, rng: np.random.Generator) -> RayHits:
     """Return the beams' hits with noise; out of range is inf, with object id 0."""
     ranges = hits.ranges_m.astype(np.float32)
     if noise.sigma_m > 0.0 or noise.sigma_per_m > 0.0:

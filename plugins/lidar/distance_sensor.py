@@ -19,8 +19,8 @@ from wil_campaign.vehicles.sources.readings.mavlink_messages import (
     HasState,
     MavlinkReading,
     MavlinkSensor,
+    MessageTimes,
     Reader,
-    Times,
 )
 from wil_campaign.worlds.frames import Vec3, rotate
 
@@ -47,7 +47,7 @@ _LOOKS: Mapping[int, Vec3] = MappingProxyType(
 
 
 def rangefinder_reading(
-    message: Any, times: Times, sensor: MavlinkSensor
+    message: Any, times: MessageTimes, sensor: MavlinkSensor
 ) -> RangefinderReading | None:
     """Return the reading in a DISTANCE_SENSOR; None for one of another sensor.
 
@@ -84,7 +84,7 @@ def rangefinder_reading(
 def _reader(sensor: MavlinkSensor, vehicle: HasState) -> Reader:
     del vehicle
 
-    def read(message: Any, times: Times) -> Reading | None:
+    def read(message: Any, times: MessageTimes) -> Reading | None:
         return rangefinder_reading(message, times, sensor)
 
     return read

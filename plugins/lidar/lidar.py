@@ -7,25 +7,30 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import Field
 
-from wil_campaign.plugins.lidar.beams import RangeNoise, disturb, plane_directions
-from wil_campaign.plugins.lidar.ranging import LASER_SCAN, RangingOptions, limits_fault, silent
+from wil_campaign.plugins.lidar.beams import RangeNoise, disturb_hits, plane_directions
+from wil_campaign.plugins.lidar.ranging import (
+    LASER_SCAN,
+    RangingOptions,
+    ranging_limits_fault,
+    without_range_noise,
+)
 from wil_campaign.plugins.lidar.scans import beams_mismatch
 from wil_campaign.vehicles.readings import LidarScanReading, Source
 from wil_campaign.vehicles.readings.faults import (
-    Fault,
-    are_finite,
+    ReadingFault,
+    are_reading_numbers_finite,
     array_fault,
     distances_fault,
-    ids_fault,
+    object_ids_fault,
 )
 from wil_campaign.vehicles.readings.messages import (
     Json,
-    bytes_of,
-    number,
-    numbers,
-    pose_in,
-    pose_out,
-    text_of,
+    base64_from_array,
+    bytes_from_base64,
+    number_from_json,
+    numbers_to_json,
+    pose_from_json,
+    pose_to_json,
 )
 from wil_campaign.vehicles.readings.traits import Encoded, Parts, ReadingTraits
 from wil_campaign.vehicles.sensors.beams import BeamFan, RayCaster
@@ -51,7 +56,7 @@ class ScanPattern:
 
 SCAN_NOISE = RangeNoise(0.15, 12.0, sigma_per_m=0.01)
 """RPLIDAR A2M8 data sheet rev. 2.5: 0.15 to 12 m, resolution below 1 % of the distance."""
-SCAN_NOISES = NoiseSets(ideal=silent(SCAN_NOISE), datasheet=SCAN_NOISE)
+SCAN_NOISES = NoiseSets(ideal=without_range_noise(SCAN_NOISE), datasheet=SCAN_NOISE)
 SCAN_TIMING = Timing(rate_hz=10.0, latency_s=0.1)
 """Scans are delivered when their turn is over; the whole turn is cast at its middle."""
 
@@ -73,7 +78,7 @@ class LidarScanSensor:
         self._source = source
         self._cast = cast
         self._pattern = p = pattern or ScanPattern()
-        self._noise = noise or silent(SCAN_NOISE)
+        self._noise = noise or without_range_noise(SCAN_NOISE)
         self._mount = mount
         self._directions = plane_directions(p.start_angle_rad, p.step_rad, p.beams)
         self._seq = 0
@@ -81,7 +86,7 @@ class LidarScanSensor:
     def sample(self, truth: Truth, t_s: float, rng: np.random.Generator) -> LidarScanReading:
         """Return the lidar scan whose middle is at t_s."""
         hits = self._cast(truth.pose.compose(self._mount), self._directions, t_s)
-        seen = disturb(hits, self._noise, rng)
+        seen = disturb_hits(hits, self._noise, rng)
         self._seq += 1
         return LidarScanReading(
             t_s=t_s,
@@ -136,21 +141,23 @@ def _model(options: LidarOptions, site: SensorSite) -> LidarScanSensor:
     )
 
 
-def _fault(reading: LidarScanReading) -> Fault | None:
+def _fault(reading: LidarScanReading) -> ReadingFault | None:
     """Check a lidar scan; return its fault or None."""
     ranges = reading.ranges_m
     fault = array_fault(ranges, (None,), np.float32, "scan")
-    fault = fault or ids_fault(reading.object_ids, ranges.shape)
+    fault = fault or object_ids_fault(reading.object_ids, ranges.shape)
     if fault is not None:
         return fault
     if len(ranges) == 0:
-        return Fault("empty", "the scan has no beams")
-    if not are_finite((reading.start_angle_rad, reading.step_rad)):
+        return ReadingFault("empty", "the scan has no beams")
+    if not are_reading_numbers_finite((reading.start_angle_rad, reading.step_rad)):
         angles = f"start_angle_rad {reading.start_angle_rad}, step_rad {reading.step_rad}"
-        return Fault("not_finite", f"the beams' angles are not finite: {angles}")
+        return ReadingFault("not_finite", f"the beams' angles are not finite: {angles}")
     if reading.step_rad == 0.0 and len(ranges) > 1:
-        return Fault("out_of_range", f"all of its {len(ranges)} beams look the same way: no step")
-    fault = limits_fault(reading.range_min_m, reading.range_max_m)
+        return ReadingFault(
+            "out_of_range", f"all of its {len(ranges)} beams look the same way: no step"
+        )
+    fault = ranging_limits_fault(reading.range_min_m, reading.range_max_m)
     return fault or distances_fault(ranges, "range")
 
 
@@ -158,17 +165,17 @@ def _encode(reading: LidarScanReading) -> Encoded:
     last = max(0, reading.ranges_m.size - 1)
     ids = reading.object_ids
     fields = {
-        "pose": pose_out(reading.mount),
+        "pose": pose_to_json(reading.mount),
         "start_angle": reading.start_angle_rad,
         "end_angle": reading.start_angle_rad + last * reading.step_rad,
-        "ranges": numbers(reading.ranges_m),
+        "ranges": numbers_to_json(reading.ranges_m),
         "intensities": [],
         "wil": {
             "start_angle_rad": reading.start_angle_rad,
             "step_rad": reading.step_rad,
             "range_min_m": reading.range_min_m,
             "range_max_m": reading.range_max_m,
-            "object_ids": None if ids is None else text_of(ids),
+            "object_ids": None if ids is None else base64_from_array(ids),
         },
     }
     return fields, None
@@ -178,13 +185,13 @@ def _decode(document: Json, _: Parts) -> dict[str, Any]:
     wil = document["wil"]
     ids = wil["object_ids"]
     return {
-        "ranges_m": np.array([number(one) for one in document["ranges"]], np.float32),
-        "start_angle_rad": number(wil["start_angle_rad"]),
-        "step_rad": number(wil["step_rad"]),
-        "range_min_m": number(wil["range_min_m"]),
-        "range_max_m": number(wil["range_max_m"]),
-        "object_ids": None if ids is None else np.frombuffer(bytes_of(ids), np.uint8),
-        "mount": pose_in(document["pose"]),
+        "ranges_m": np.array([number_from_json(one) for one in document["ranges"]], np.float32),
+        "start_angle_rad": number_from_json(wil["start_angle_rad"]),
+        "step_rad": number_from_json(wil["step_rad"]),
+        "range_min_m": number_from_json(wil["range_min_m"]),
+        "range_max_m": number_from_json(wil["range_max_m"]),
+        "object_ids": None if ids is None else np.frombuffer(bytes_from_base64(ids), np.uint8),
+        "mount": pose_from_json(document["pose"]),
     }
 
 

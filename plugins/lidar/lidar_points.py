@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from wil_campaign.foundation.files.documents import KeyFaultError
-from wil_campaign.plugins.lidar.beams import RangeNoise, disturb, grid_directions
-from wil_campaign.plugins.lidar.ranging import RangingOptions, silent
+from wil_campaign.plugins.lidar.beams import RangeNoise, disturb_hits, grid_directions
+from wil_campaign.plugins.lidar.ranging import RangingOptions, without_range_noise
 from wil_campaign.vehicles.readings import LidarPointsReading, Source
-from wil_campaign.vehicles.readings.faults import Fault, array_fault, ids_fault
+from wil_campaign.vehicles.readings.faults import ReadingFault, array_fault, object_ids_fault
 from wil_campaign.vehicles.readings.messages import (
     BASE64,
     FLOAT32,
@@ -21,12 +21,12 @@ from wil_campaign.vehicles.readings.messages import (
     STRING,
     UINT8,
     Json,
-    bytes_of,
-    pose_in,
-    pose_out,
+    bytes_from_base64,
+    pose_from_json,
+    pose_to_json,
     schema_of_array,
     schema_of_object,
-    stamped,
+    stamped_message_schema,
 )
 from wil_campaign.vehicles.readings.traits import Encoded, Parts, ReadingTraits
 from wil_campaign.vehicles.sensors.beams import BeamFan, RayCaster
@@ -53,7 +53,7 @@ class GridPattern:
 
 POINTS_NOISE = RangeNoise(0.5, 100.0, sigma_m=0.03)
 """VLP-16 user manual: up to 100 m, typical accuracy 3 cm. Blind below 0.5 m: an assumption."""
-POINTS_NOISES = NoiseSets(ideal=silent(POINTS_NOISE), datasheet=POINTS_NOISE)
+POINTS_NOISES = NoiseSets(ideal=without_range_noise(POINTS_NOISE), datasheet=POINTS_NOISE)
 POINTS_TIMING = Timing(rate_hz=20.0, latency_s=0.05)
 """Points are delivered when their turn is over; the whole turn is cast at its middle."""
 
@@ -74,7 +74,7 @@ class LidarPointsSensor:
         self.timing = timing
         self._source = source
         self._cast = cast
-        self._noise = noise or silent(POINTS_NOISE)
+        self._noise = noise or without_range_noise(POINTS_NOISE)
         self._mount = mount
         p = pattern or GridPattern()
         azimuths = 2.0 * math.pi * np.arange(p.columns) / p.columns
@@ -87,7 +87,7 @@ class LidarPointsSensor:
     def sample(self, truth: Truth, t_s: float, rng: np.random.Generator) -> LidarPointsReading:
         """Return the lidar's point cloud whose middle is at t_s."""
         hits = self._cast(truth.pose.compose(self._mount), self._directions, t_s)
-        seen = disturb(hits, self._noise, rng)
+        seen = disturb_hits(hits, self._noise, rng)
         met = np.isfinite(seen.ranges_m)
         self._seq += 1
         return LidarPointsReading(
@@ -149,18 +149,18 @@ def _model(options: LidarPointsOptions, site: SensorSite) -> LidarPointsSensor:
     )
 
 
-def _fault(reading: LidarPointsReading) -> Fault | None:
+def _fault(reading: LidarPointsReading) -> ReadingFault | None:
     """Check a point cloud; return its fault or None."""
     points = reading.points_frd_m
     fault = array_fault(points, (None, 3), np.float32, "points")
-    fault = fault or ids_fault(reading.object_ids, points.shape[:1])
+    fault = fault or object_ids_fault(reading.object_ids, points.shape[:1])
     if fault is not None:
         return fault
     if len(points) == 0:
-        return Fault("empty", "the cloud has no points")
+        return ReadingFault("empty", "the cloud has no points")
     if not np.isfinite(points).all():
         bad = int((~np.isfinite(points).all(axis=1)).sum())
-        return Fault("not_finite", f"{bad} of {len(points)} points are not finite")
+        return ReadingFault("not_finite", f"{bad} of {len(points)} points are not finite")
     return None
 
 
@@ -177,18 +177,18 @@ def _encode(reading: LidarPointsReading) -> Encoded:
         packed = rows.tobytes()
         fields.append({"name": "object_id", "offset": 12, "type": UINT8})
         stride = 13
-    pose = pose_out(reading.mount)
+    pose = pose_to_json(reading.mount)
     described = {"pose": pose, "point_stride": stride, "fields": fields}
     return described, packed
 
 
 def _decode(document: Json, _: Parts) -> dict[str, Any]:
     stride = document["point_stride"]
-    packed = np.frombuffer(bytes_of(document["data"]), np.uint8).reshape(-1, stride)
+    packed = np.frombuffer(bytes_from_base64(document["data"]), np.uint8).reshape(-1, stride)
     return {
         "points_frd_m": np.ascontiguousarray(packed[:, :12]).view("<f4"),
         "object_ids": packed[:, 12].copy() if stride == 13 else None,
-        "mount": pose_in(document["pose"]),
+        "mount": pose_from_json(document["pose"]),
     }
 
 
@@ -199,7 +199,7 @@ def _nearest_m(reading: LidarPointsReading) -> float | None:
 
 _TRAITS = ReadingTraits(
     fault=_fault,
-    schema=stamped(
+    schema=stamped_message_schema(
         "foxglove.PointCloud",
         pose=POSE_SCHEMA,
         point_stride=INTEGER,

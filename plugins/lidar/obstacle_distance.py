@@ -19,14 +19,14 @@ from wil_campaign.vehicles.sources.readings.mavlink_messages import (
     HasState,
     MavlinkReading,
     MavlinkSensor,
+    MessageTimes,
     Reader,
-    Times,
 )
 
 
 def lidar_reading(
     message: Any,
-    times: Times,
+    times: MessageTimes,
     sensor: MavlinkSensor,
     *,
     heading_rad: float | None,
@@ -84,7 +84,7 @@ def _beam_ranges(
 
 
 def _reader(sensor: MavlinkSensor, vehicle: HasState) -> Reader:
-    def read(message: Any, times: Times) -> Reading | None:
+    def read(message: Any, times: MessageTimes) -> Reading | None:
         local = vehicle.state.local
         heading_rad = None if local is None else local.pose.yaw_rad
         return lidar_reading(message, times, sensor, heading_rad=heading_rad)

@@ -7,10 +7,20 @@ import numpy as np
 from pydantic import Field
 
 from wil_campaign.plugins.lidar.beams import RangeNoise, cone_directions
-from wil_campaign.plugins.lidar.ranging import LASER_SCAN, RangingOptions, limits_fault, silent
+from wil_campaign.plugins.lidar.ranging import (
+    LASER_SCAN,
+    RangingOptions,
+    ranging_limits_fault,
+    without_range_noise,
+)
 from wil_campaign.vehicles.readings import RangefinderReading, Source
-from wil_campaign.vehicles.readings.faults import Fault
-from wil_campaign.vehicles.readings.messages import Json, number, pose_in, pose_out
+from wil_campaign.vehicles.readings.faults import ReadingFault
+from wil_campaign.vehicles.readings.messages import (
+    Json,
+    number_from_json,
+    pose_from_json,
+    pose_to_json,
+)
 from wil_campaign.vehicles.readings.traits import Encoded, Parts, ReadingTraits
 from wil_campaign.vehicles.sensors.beams import RayCaster
 from wil_campaign.vehicles.sensors.noise_sets import NoiseSets
@@ -27,7 +37,9 @@ from wil_campaign.worlds.frames import Pose, rotate, subtract
 LOOKING_DOWN = Pose.of(0.0, 0.0, 0.0, pitch_rad=-math.pi / 2.0)
 RANGEFINDER_NOISE = RangeNoise(0.1, 12.0, sigma_m=0.05 / 3.0)
 """Benewake TFmini Plus data sheet: 0.1 to 12 m, 5 cm below 6 m, read as three deviations."""
-RANGEFINDER_NOISES = NoiseSets(ideal=silent(RANGEFINDER_NOISE), datasheet=RANGEFINDER_NOISE)
+RANGEFINDER_NOISES = NoiseSets(
+    ideal=without_range_noise(RANGEFINDER_NOISE), datasheet=RANGEFINDER_NOISE
+)
 RANGEFINDER_TIMING = Timing(rate_hz=50.0, latency_s=0.01)
 _APPROACHED_M = 0.25
 """Along its beam a rangefinder measures every centimetre."""
@@ -52,7 +64,7 @@ class RangefinderSensor:
         self.timing = timing
         self._source = source
         self._cast = cast
-        self._noise = noise or silent(RANGEFINDER_NOISE)
+        self._noise = noise or without_range_noise(RANGEFINDER_NOISE)
         self._mount = mount
         self._directions = cone_directions(half_angle_rad, 8)
         self._seq = 0
@@ -112,18 +124,18 @@ def _model(options: RangefinderOptions, site: SensorSite) -> RangefinderSensor:
     )
 
 
-def _fault(reading: RangefinderReading) -> Fault | None:
+def _fault(reading: RangefinderReading) -> ReadingFault | None:
     """Check a rangefinder reading; return its fault or None."""
     if math.isnan(reading.range_m):
-        return Fault("not_finite", "the range is not a number")
+        return ReadingFault("not_finite", "the range is not a number")
     if reading.range_m < 0.0:
-        return Fault("negative", f"the range is {reading.range_m} m")
-    return limits_fault(reading.range_min_m, reading.range_max_m)
+        return ReadingFault("negative", f"the range is {reading.range_m} m")
+    return ranging_limits_fault(reading.range_min_m, reading.range_max_m)
 
 
 def _encode(reading: RangefinderReading) -> Encoded:
     fields = {
-        "pose": pose_out(reading.mount),
+        "pose": pose_to_json(reading.mount),
         "start_angle": 0.0,
         "end_angle": 0.0,
         "ranges": [reading.range_m],
@@ -136,10 +148,10 @@ def _encode(reading: RangefinderReading) -> Encoded:
 def _decode(document: Json, _: Parts) -> dict[str, Any]:
     wil = document["wil"]
     return {
-        "range_m": number(document["ranges"][0]),
-        "range_min_m": number(wil["range_min_m"]),
-        "range_max_m": number(wil["range_max_m"]),
-        "mount": pose_in(document["pose"]),
+        "range_m": number_from_json(document["ranges"][0]),
+        "range_min_m": number_from_json(wil["range_min_m"]),
+        "range_max_m": number_from_json(wil["range_max_m"]),
+        "mount": pose_from_json(document["pose"]),
     }
 
 

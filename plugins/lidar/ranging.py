@@ -8,17 +8,17 @@ from pydantic import Field, model_validator
 
 from wil_campaign.foundation.files.documents import KeyFaultError
 from wil_campaign.plugins.lidar.beams import RangeNoise
-from wil_campaign.vehicles.readings.faults import Fault
+from wil_campaign.vehicles.readings.faults import ReadingFault
 from wil_campaign.vehicles.readings.messages import (
     NUMBER,
     POSE_SCHEMA,
     schema_of_array,
-    stamped,
+    stamped_message_schema,
 )
 from wil_campaign.vehicles.sensors.sensor_spec import MountedOptions
 from wil_campaign.vehicles.sources.readings.live_readings import UnusableReadingError
 
-LASER_SCAN = stamped(
+LASER_SCAN = stamped_message_schema(
     "foxglove.LaserScan",
     pose=POSE_SCHEMA,
     start_angle=NUMBER,
@@ -57,15 +57,15 @@ class RangingOptions(MountedOptions):
         )
 
 
-def silent(noise: RangeNoise) -> RangeNoise:
+def without_range_noise(noise: RangeNoise) -> RangeNoise:
     """Return a lidar's noise settings without noise, with the same range limits."""
     return RangeNoise(noise.range_min_m, noise.range_max_m)
 
 
-def limits_fault(min_m: float, max_m: float) -> Fault | None:
+def ranging_limits_fault(min_m: float, max_m: float) -> ReadingFault | None:
     """Check a ranging reading's limits; return their fault or None."""
     if not (0.0 <= min_m < max_m < math.inf):
-        return Fault(
+        return ReadingFault(
             "out_of_range",
             f"the range limits are {min_m} to {max_m} m: the lower must be 0 or more, and the "
             "upper greater and finite",

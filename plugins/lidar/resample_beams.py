@@ -7,9 +7,9 @@ from pydantic import Field, model_validator
 
 from wil_campaign.foundation.files.documents import Part
 from wil_campaign.plugins.lidar.scans import with_beams
-from wil_campaign.recipes.model.registry import Context, SidedParameters, step
+from wil_campaign.recipes.model.registry import SidedParameters, StepContext, step
 from wil_campaign.recipes.operations.step_parameters import Degrees
-from wil_campaign.recipes.steps.transform.geometry import refuse_own
+from wil_campaign.recipes.steps.transform.geometry import refuse_own_side
 from wil_campaign.recipes.working import CannotMixError, Masked, Operator
 from wil_campaign.vehicles.readings import LidarScanReading
 
@@ -38,12 +38,12 @@ class ResampleBeamsParameters(SidedParameters):
 
     @model_validator(mode="after")
     def _not_to_itself(self) -> "ResampleBeamsParameters":
-        refuse_own(self, self.to, "beams")
+        refuse_own_side(self, self.to, "beams")
         return self
 
 
 @step("resample_beams", stage="transform", sensors=("lidar",), parameters=ResampleBeamsParameters)
-def resample_beams(parameters: ResampleBeamsParameters, context: Context) -> Operator:  # noqa: ARG001 - the interface of steps
+def resample_beams(parameters: ResampleBeamsParameters, context: StepContext) -> Operator:  # noqa: ARG001 - the interface of steps
     """Give a scan other beams, each with the range of the old beam nearest in angle.
 
     ranges_m (beams,) float32 metres to (beams',). A beam outside of the old scan is infinity, and

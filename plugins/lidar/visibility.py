@@ -5,19 +5,26 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from wil_campaign.campaigns.values.sensor_setups import OtherSetup, SensorSetup, options_of
+from wil_campaign.campaigns.values.sensor_setups import (
+    OtherSensorSetup,
+    SensorSetup,
+    sensor_options_of,
+)
 from wil_campaign.orchestrator.run.perception.expected_views import ExpectedViews
-from wil_campaign.orchestrator.run.perception.visibility import Comparison, Exposure
+from wil_campaign.orchestrator.run.perception.visibility import (
+    ReadingExposure,
+    VisibilityComparison,
+)
 from wil_campaign.plugins.lidar.beams import cone_directions, grid_directions, plane_directions
 from wil_campaign.plugins.lidar.lidar_points import POINTS_NOISES, LidarPointsOptions
 from wil_campaign.plugins.lidar.rangefinder import RangefinderOptions
-from wil_campaign.recipes.visibility.model import ExpectedRanges, FrameVisibility, Virtual
+from wil_campaign.recipes.visibility.model import ExpectedRanges, FrameVisibility, VirtualObjects
 from wil_campaign.recipes.visibility.ranges import (
     LEAST_ELEMENTS,
-    Elements,
+    ComparedRanges,
     compare_ranges,
-    limits_m,
     object_visibility,
+    range_limits_m,
 )
 from wil_campaign.vehicles.readings import (
     LidarPointsReading,
@@ -26,7 +33,7 @@ from wil_campaign.vehicles.readings import (
 )
 from wil_campaign.vehicles.sensors.beams import Directions
 from wil_campaign.vehicles.sensors.noise_sets import NoiseSetName
-from wil_campaign.worlds.jit import F64, Int, compiled
+from wil_campaign.worlds.jit import F64, Int, jit_compiled
 
 _AROUND_RAD = math.radians(2.0)
 """How far outside of a rangefinder's cone a virtual object may be that it shows nevertheless."""
@@ -34,7 +41,7 @@ _MOST_BEAMS = 3000
 """Most beams of a 3-D lidar that are cast for the comparison."""
 
 
-class _ByRays(Comparison):
+class _ByRays(VisibilityComparison):
     """A comparison with ranges that are cast."""
 
     def prepare(self, views: ExpectedViews) -> None:
@@ -44,7 +51,7 @@ class _ByRays(Comparison):
 
 class _OfScans(_ByRays):
     def compare(
-        self, real: LidarScanReading, mixed: LidarScanReading, at: Exposure
+        self, real: LidarScanReading, mixed: LidarScanReading, at: ReadingExposure
     ) -> FrameVisibility | None:
         """Compare scans beam by beam, where both have as many."""
         if len(real.ranges_m) != len(mixed.ranges_m):
@@ -63,11 +70,11 @@ class _OfScans(_ByRays):
 
 class _OfBeams(_ByRays):
     def compare(
-        self, real: RangefinderReading, mixed: RangefinderReading, at: Exposure
+        self, real: RangefinderReading, mixed: RangefinderReading, at: ReadingExposure
     ) -> FrameVisibility | None:
         """Compare ranges of a rangefinder with the nearest surface in its cone."""
         measured = at.measured
-        options = options_of(measured.real, RangefinderOptions)
+        options = sensor_options_of(measured.real, RangefinderOptions)
         half_rad = 0.0 if options is None else options.half_angle_rad
         sensor = at.body.compose(mixed.mount)
         cone = measured.views.ranges(sensor, cone_directions(half_rad, 8), at.t_s)
@@ -94,19 +101,19 @@ class _OfPoints(_ByRays):
 
     def warm_up(self) -> None:
         """Load the search for the nearest point."""
-        nearest_m(np.zeros((1, 3)), np.zeros((1, 3), np.float32))
+        nearest_point_distances_m(np.zeros((1, 3)), np.zeros((1, 3), np.float32))
 
     def compare(
-        self, real: LidarPointsReading, mixed: LidarPointsReading, at: Exposure
+        self, real: LidarPointsReading, mixed: LidarPointsReading, at: ReadingExposure
     ) -> FrameVisibility | None:
         """Compare the points that the mixture has and the real cloud has not."""
         measured = at.measured
-        twin = options_of(measured.twin, LidarPointsOptions)
+        twin = sensor_options_of(measured.twin, LidarPointsOptions)
         if twin is None:
             return None
         directions = _some_beams(twin)
         cast_ranges = measured.views.ranges(at.body.compose(mixed.mount), directions, at.t_s)
-        least_m, most_m = reach_of(measured.twin, measured.noise)
+        least_m, most_m = lidar_reach_m(measured.twin, measured.noise)
         is_in_reach = (cast_ranges.ranges_m >= least_m) & (cast_ranges.ranges_m <= most_m)
         ids = np.where(is_in_reach, cast_ranges.ids, np.uint8(0))
         met = np.isfinite(cast_ranges.ranges_m)
@@ -123,16 +130,16 @@ class _OfPoints(_ByRays):
 SCANS, BEAMS, POINTS = _OfScans(), _OfBeams(), _OfPoints()
 
 
-def reach_of(twin: SensorSetup, noise: NoiseSetName) -> tuple[float, float]:
+def lidar_reach_m(twin: SensorSetup, noise: NoiseSetName) -> tuple[float, float]:
     """Return the least and greatest range, metres, of the twin's 3-D lidar.
 
     noise: that of the twin's profile. (0, inf) for what the setup leaves out of a lidar with a
     source of its own.
     """
-    lidar = options_of(twin, LidarPointsOptions)
+    lidar = sensor_options_of(twin, LidarPointsOptions)
     if lidar is None:
         return 0.0, np.inf
-    if isinstance(twin, OtherSetup) and twin.source is None:
+    if isinstance(twin, OtherSensorSetup) and twin.source is None:
         points = lidar.within_reach(POINTS_NOISES.named(noise))
         return points.range_min_m, points.range_max_m
     return lidar.range_min_m or 0.0, np.inf if lidar.range_max_m is None else lidar.range_max_m
@@ -154,7 +161,7 @@ def compare_points(
     mixed_m: NDArray[np.float32],
     expected_m: NDArray[np.float64],
     ids: NDArray[np.uint8],
-    virtual: Virtual,
+    virtual: VirtualObjects,
 ) -> FrameVisibility:
     """Return the visibility of virtual objects in a mixed point cloud, by its ranges.
 
@@ -165,10 +172,10 @@ def compare_points(
     due = virtual.mask_of(ids)
     distance = np.full(len(expected_m), np.inf)
     if due.any() and len(added):
-        distance[due] = nearest_m(expected_m[due], added)
-    limit = limits_m(np.linalg.norm(expected_m, axis=1))
+        distance[due] = nearest_point_distances_m(expected_m[due], added)
+    limit = range_limits_m(np.linalg.norm(expected_m, axis=1))
     drawn = np.full(len(expected_m), len(added) >= LEAST_ELEMENTS)
-    elements = Elements(distance, drawn, distance <= limit, limit)
+    elements = ComparedRanges(distance, drawn, distance <= limit, limit)
     objects = tuple(
         object_visibility(name, due & (ids == object_id), elements, LEAST_ELEMENTS)
         for object_id, name in virtual.names.items()
@@ -178,7 +185,9 @@ def compare_points(
     return FrameVisibility(t_s, objects, changed, not_mixed=not_mixed)
 
 
-def nearest_m(points_m: NDArray[np.float64], cloud_m: NDArray[np.float32]) -> NDArray[np.float64]:
+def nearest_point_distances_m(
+    points_m: NDArray[np.float64], cloud_m: NDArray[np.float32]
+) -> NDArray[np.float64]:
     """Return the distance of each point to the nearest point of a cloud, metres; both (n, 3)."""
     axis = int(np.argmax(np.ptp(cloud_m, axis=0)))
     cloud = cloud_m[np.argsort(cloud_m[:, axis])].astype(np.float64)
@@ -188,7 +197,7 @@ def nearest_m(points_m: NDArray[np.float64], cloud_m: NDArray[np.float32]) -> ND
     return found
 
 
-@compiled
+@jit_compiled
 def _search_nearest(points: F64, cloud: F64, axis: Int, places: Int, found: F64) -> None:
     """Set the distance of each point to a cloud that is sorted along an axis.
 

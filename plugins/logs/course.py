@@ -22,7 +22,7 @@ _LOWEST_M = 1.0
 _MOST_POINTS = 20_000
 
 
-class Waypoint(NamedTuple):
+class CourseWaypoint(NamedTuple):
     """A place of the course, from its start, and the speed of the leg to it."""
 
     north_m: float
@@ -32,7 +32,7 @@ class Waypoint(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class Course:
+class FlightCourse:
     """A course in metres from the vehicle's place on the ground before the takeoff.
 
     start: that place in the log's own frame. yaw_rad: heading there; None where it is unknown.
@@ -43,14 +43,14 @@ class Course:
     start: TrackPoint
     yaw_rad: float | None
     altitude_m: float
-    waypoints: tuple[Waypoint, ...]
+    waypoints: tuple[CourseWaypoint, ...]
     box: tuple[tuple[float, float], ...]
     begin_s: float
     duration_s: float
     flights: int
 
 
-def course_of(flight: LoggedFlight) -> Course | None:
+def course_of_flight(flight: LoggedFlight) -> FlightCourse | None:
     """Return the course of the longest flight of a log; None where none left the ground."""
     spans = list(_armed_spans(flight)) or [(-math.inf, math.inf)]
     flown = [found for span in spans if (found := _in_the_air(flight.track, span)) is not None]
@@ -61,7 +61,7 @@ def course_of(flight: LoggedFlight) -> Course | None:
     begin = _end_of_takeoff(moved)
     altitude_m = max(_LOWEST_M, moved[begin].up_m)
     cruise = _thinned([*moved[begin:]])
-    return Course(
+    return FlightCourse(
         start=start,
         yaw_rad=start.yaw_rad,
         altitude_m=round(altitude_m, 2),
@@ -160,13 +160,13 @@ def _distance(one: TrackPoint, begin: TrackPoint, end: TrackPoint) -> float:
     return math.dist(to, tuple(share * value for value in along))
 
 
-def _waypoints(points: Sequence[TrackPoint]) -> Iterator[Waypoint]:
+def _waypoints(points: Sequence[TrackPoint]) -> Iterator[CourseWaypoint]:
     for before, track_point in pairwise(points):
         length_m = math.dist(before[1:4], track_point[1:4])
         took_s = max(1e-3, track_point.t_s - before.t_s)
         speed_m_s = min(_FASTEST_M_S, max(_SLOWEST_M_S, length_m / took_s))
         up_m = max(_LOWEST_M, track_point.up_m)
-        yield Waypoint(
+        yield CourseWaypoint(
             *(round(x, 2) for x in (track_point.north_m, track_point.east_m, up_m, speed_m_s))
         )
 

@@ -8,7 +8,7 @@ from io import StringIO
 from pathlib import Path
 from typing import Any
 
-from wil_campaign.plugins.logs.logged_flight import LogError, LoggedFlight, PowerSample
+from wil_campaign.plugins.logs.logged_flight import FlightLogError, LoggedFlight, PowerSample
 from wil_campaign.plugins.logs.track_builder import TrackBuilder
 
 _VERSION = re.compile(r"Ardu(Copter|Plane|Rover|Sub) V?(\S+) \(([0-9a-f]+)\)|APM:Copter V(\S+)")
@@ -46,9 +46,11 @@ def read_dataflash(path: Path) -> LoggedFlight:
             finally:
                 log.filehandle.close()
     except Exception as error:  # DFReader raises whatever a damaged file causes
-        raise LogError(f"{path} cannot be read as a log of ArduPilot (.bin): {error}") from error
+        raise FlightLogError(
+            f"{path} cannot be read as a log of ArduPilot (.bin): {error}"
+        ) from error
     if not vehicle.is_any:
-        raise LogError(f"{path} has no message of a flight: is it a log of ArduPilot?")
+        raise FlightLogError(f"{path} has no message of a flight: is it a log of ArduPilot?")
     return vehicle.flight(is_damaged=left_out > 0)
 
 

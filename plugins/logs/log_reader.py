@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from wil_campaign.plugins.logs.dataflash_reader import read_dataflash
-from wil_campaign.plugins.logs.logged_flight import LogError, LoggedFlight
+from wil_campaign.plugins.logs.logged_flight import FlightLogError, LoggedFlight
 from wil_campaign.plugins.logs.ros_bag_reader import read_ros_bag
 from wil_campaign.plugins.logs.tlog_reader import read_tlog
 from wil_campaign.plugins.logs.ulog_reader import read_ulog
@@ -29,19 +29,19 @@ def read_log(path: Path) -> LoggedFlight:
         return read_log(_log_of_folder(path))
     try:
         if path.stat().st_size > _MOST_BYTES:
-            raise LogError(f"{path} is larger than 4 GB: cut the flight out of it")
+            raise FlightLogError(f"{path} is larger than 4 GB: cut the flight out of it")
         with path.open("rb") as stream:
             head = stream.read(16)
     except OSError as error:
-        raise LogError(f"{path} cannot be read: {error.strerror or error}") from error
+        raise FlightLogError(f"{path} cannot be read: {error.strerror or error}") from error
     is_tlog = head[8:9] in {b"\xfd", b"\xfe"} or (head and path.suffix == ".tlog")
     found = (reader for begins, reader in _READERS.items() if head.startswith(begins))
     reader = next(found, read_tlog if is_tlog else None)
     if reader is None:
-        raise LogError(f"{path} {_why_not(head)}")
+        raise FlightLogError(f"{path} {_why_not(head)}")
     flight = reader(path)
     if not flight.track and not flight.parameters:
-        raise LogError(f"{path} contains no flight: it has no positions and no parameters")
+        raise FlightLogError(f"{path} contains no flight: it has no positions and no parameters")
     return flight
 
 
@@ -65,5 +65,7 @@ def _log_of_folder(folder: Path) -> Path:
     if len(bags) == 1:
         return bags[0]
     if any(folder.glob("*.db3")):
-        raise LogError(f"{folder} is a bag of ROS 2 in SQLite; convert it: ros2 bag convert")
-    raise LogError(f"{folder} has no log of a flight (real.tlog, twin.tlog, one .mcap); {_KNOWN}")
+        raise FlightLogError(f"{folder} is a bag of ROS 2 in SQLite; convert it: ros2 bag convert")
+    raise FlightLogError(
+        f"{folder} has no log of a flight (real.tlog, twin.tlog, one .mcap); {_KNOWN}"
+    )

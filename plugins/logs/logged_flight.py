@@ -7,7 +7,7 @@ from typing import NamedTuple
 from wil_campaign.worlds.geodesy import Geodetic
 
 
-class LogError(Exception):
+class FlightLogError(Exception):
     """A log cannot be used; the message says which, why, and what to do."""
 
 

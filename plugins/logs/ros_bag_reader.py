@@ -7,7 +7,7 @@ from typing import Any
 
 from mcap.reader import make_reader
 
-from wil_campaign.plugins.logs.logged_flight import LogError, LoggedFlight
+from wil_campaign.plugins.logs.logged_flight import FlightLogError, LoggedFlight
 from wil_campaign.plugins.logs.track_builder import TrackBuilder
 
 _ODOMETRY, _POSE, _POSE_COV = (
@@ -25,7 +25,7 @@ def read_ros_bag(path: Path) -> LoggedFlight:
     try:
         from mcap_ros2.decoder import DecoderFactory  # noqa: PLC0415 - an extra
     except ImportError as error:
-        raise LogError(
+        raise FlightLogError(
             f"{path} may be a bag of ROS 2, which mcap-ros2-support reads: "
             "pip install 'wil-campaign[ros]'"
         ) from error
@@ -40,9 +40,9 @@ def read_ros_bag(path: Path) -> LoggedFlight:
             for _, channel, message, ros in reader.iter_decoded_messages(topics=list(wanted)):
                 _TAKERS[wanted[channel.topic]](track, message.log_time * 1e-9, ros)
     except Exception as error:  # the decoders raise whatever a damaged file causes
-        raise LogError(f"{path} cannot be read as an MCAP file: {error}") from error
+        raise FlightLogError(f"{path} cannot be read as an MCAP file: {error}") from error
     if not topics:
-        raise LogError(_no_pose(path, summary))
+        raise FlightLogError(_no_pose(path, summary))
     problems = ["a bag has no parameters, firmware and arming", *track.problems]
     others = sorted({topic for named in topics.values() for topic in named} - wanted.keys())
     if others:

@@ -11,10 +11,10 @@ from importlib.resources import files
 from pathlib import Path
 from statistics import median
 
-from wil_campaign.foundation.files.problems import BadInput, Problem, printable
-from wil_campaign.plugins.logs.course import Course, course_of
+from wil_campaign.foundation.files.problems import BadInput, Problem, printable_problem
+from wil_campaign.plugins.logs.course import FlightCourse, course_of_flight
 from wil_campaign.plugins.logs.log_reader import read_log
-from wil_campaign.plugins.logs.logged_flight import LogError, LoggedFlight
+from wil_campaign.plugins.logs.logged_flight import FlightLogError, LoggedFlight
 from wil_campaign.vehicles.autopilots.registry import autopilot_named
 from wil_campaign.vehicles.embedded.autopilot.known_parameters import default_parameters
 from wil_campaign.worlds.geodesy import Geodetic, LocalFrame
@@ -27,13 +27,13 @@ _LEAST_SAMPLES = 5
 
 
 @dataclass(frozen=True, slots=True)
-class Battery:
+class BatteryKeys:
     """The keys of a profile's `battery` that a log tells, with their values."""
 
     values: Mapping[str, float]
 
 
-def battery_of(flight: LoggedFlight, course: Course | None) -> Battery | None:
+def battery_of_flight(flight: LoggedFlight, course: FlightCourse | None) -> BatteryKeys | None:
     """Return what a log tells of the battery; None where that is nothing."""
     found: dict[str, float] = {}
     cells = _first(flight, _CELLS)
@@ -54,7 +54,7 @@ def battery_of(flight: LoggedFlight, course: Course | None) -> Battery | None:
         ]
         if len(amperes) >= _LEAST_SAMPLES and median(amperes) > 0.5:
             found["hover_current_a"] = round(median(amperes), 2)
-    return Battery(found) if found else None
+    return BatteryKeys(found) if found else None
 
 
 def _first(flight: LoggedFlight, names: tuple[str, ...]) -> float:
@@ -76,10 +76,10 @@ def files_from_log(log: Path, name: str, *, profile: bool) -> dict[str, str]:
         flight = read_log(log)
         autopilot = flight.autopilot or "px4"
         autopilot_named(autopilot)
-    except (LogError, ValueError) as error:
+    except (FlightLogError, ValueError) as error:
         message = str(error).removeprefix(f"{log} ")
         raise BadInput([Problem(str(log), 0, 0, message)]) from error
-    course = course_of(flight)
+    course = course_of_flight(flight)
     texts = {
         "campaign.yaml": _campaign(flight, course, name=name, log=log, profile=profile),
         "world.yaml": _world(flight, course),
@@ -87,12 +87,12 @@ def files_from_log(log: Path, name: str, *, profile: bool) -> dict[str, str]:
         f"{autopilot}.params": _parameter_file(flight),
     }
     if profile:
-        texts[_PROFILE] = _profile(battery_of(flight, course), log)
+        texts[_PROFILE] = _profile(battery_of_flight(flight, course), log)
     return texts
 
 
 def _campaign(
-    flight: LoggedFlight, course: Course | None, *, name: str, log: Path, profile: bool
+    flight: LoggedFlight, course: FlightCourse | None, *, name: str, log: Path, profile: bool
 ) -> str:
     autopilot, own = flight.autopilot or "px4", _PROFILE if profile else "nominal"
     yaw = 0.0 if course is None or course.yaw_rad is None else math.degrees(course.yaw_rad)
@@ -102,7 +102,7 @@ def _campaign(
         *_facts(flight, course, log),
         "schema: wil/campaign/1",
         f"campaign: {name}",
-        f"description: Fly the course of {_quoted_in(printable(log.name))}",
+        f"description: Fly the course of {_quoted_in(printable_problem(log.name))}",
         "",
         "vehicles:",
         "  real:                       # embedded until you attach one: link: udpin://0.0.0.0:14550",
@@ -128,13 +128,13 @@ def _campaign(
     return "\n".join(lines) + "\n"
 
 
-def _facts(flight: LoggedFlight, course: Course | None, log: Path) -> Iterator[str]:
-    yield f"# From {printable(str(log))}: {flight.kind}."
+def _facts(flight: LoggedFlight, course: FlightCourse | None, log: Path) -> Iterator[str]:
+    yield f"# From {printable_problem(str(log))}: {flight.kind}."
     vehicle = flight.vehicle_type or "unknown; only multicopters are flown"
-    yield f"# vehicle: {printable(vehicle)}"
+    yield f"# vehicle: {printable_problem(vehicle)}"
     if flight.autopilot is None:
         yield "# autopilot: unknown; px4 is a guess"
-    yield f"# firmware: {printable(flight.firmware) or 'unknown'}"
+    yield f"# firmware: {printable_problem(flight.firmware) or 'unknown'}"
     if flight.vehicle_type not in {"", "quadrotor"}:
         yield "# The embedded vehicle is a quadrotor: it stands in for this one."
     if course is None:
@@ -144,7 +144,7 @@ def _facts(flight: LoggedFlight, course: Course | None, log: Path) -> Iterator[s
             f"; the longest of {course.flights} flights" if course.flights > 1 else ""
         )
     for problem in flight.problems:
-        yield f"# {printable(problem)}"
+        yield f"# {printable_problem(problem)}"
 
 
 def _vehicle(flight: LoggedFlight, autopilot: str, profile: str, yaw_deg: float) -> Iterator[str]:
@@ -174,7 +174,7 @@ def _moving_parameters(flight: LoggedFlight, autopilot: str) -> Iterator[tuple[s
             yield name, value
 
 
-def _goal(course: Course | None) -> Iterator[str]:
+def _goal(course: FlightCourse | None) -> Iterator[str]:
     """Yield the autonomy and the goal: the course, or hovering."""
     yield "autonomy:"
     yield "  use: autonomy.py:Autonomy"
@@ -195,7 +195,7 @@ def _position(north_m: float, east_m: float, up_m: float) -> str:
     return f"{{north_m: {north_m:g}, east_m: {east_m:g}, up_m: {up_m:g}}}"
 
 
-def _limits(course: Course | None) -> Iterator[str]:
+def _limits(course: FlightCourse | None) -> Iterator[str]:
     box = ((-5, 5), (-5, 5), (-2, 8)) if course is None else course.box
     sides = zip(("north_m", "east_m", "up_m"), box, strict=True)
     text = ", ".join(f"{key}: [{low:g}, {high:g}]" for key, (low, high) in sides)
@@ -212,7 +212,7 @@ def _limits(course: Course | None) -> Iterator[str]:
     yield "  landed: {}"
 
 
-def _world(flight: LoggedFlight, course: Course | None) -> str:
+def _world(flight: LoggedFlight, course: FlightCourse | None) -> str:
     """Return the world file: open ground, at the place where the vehicle stood."""
     lines = [
         "# yaml-language-server: $schema=schemas/world.schema.json",
@@ -238,7 +238,7 @@ def _origin_text(place: Geodetic) -> str:
     return f"origin: {{{degrees}, altitude_m: {place.altitude_m:.2f}}}"
 
 
-def _start_place(flight: LoggedFlight, course: Course | None) -> Geodetic | None:
+def _start_place(flight: LoggedFlight, course: FlightCourse | None) -> Geodetic | None:
     origin = flight.origin
     if origin is None or course is None:
         return origin
@@ -258,10 +258,10 @@ def _parameter_file(flight: LoggedFlight) -> str:
     return "\n".join([head, *rows]) + "\n"
 
 
-def _profile(battery: Battery | None, log: Path) -> str:
+def _profile(battery: BatteryKeys | None, log: Path) -> str:
     """Return the starter's profile with what the log tells of the battery."""
     starter = files("wil_campaign.plugins.start") / "starter" / "profile.yaml.in"
-    name = printable(log.name)
+    name = printable_problem(log.name)
     known = {} if battery is None else battery.values
     text = starter.read_text("utf-8").replace("@NAME@", _quoted_in(name))
     for key, value in known.items():

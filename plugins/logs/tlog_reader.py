@@ -7,14 +7,14 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from wil_campaign.plugins.logs.logged_flight import LogError, LoggedFlight, PowerSample
+from wil_campaign.plugins.logs.logged_flight import FlightLogError, LoggedFlight, PowerSample
 from wil_campaign.plugins.logs.track_builder import TrackBuilder
-from wil_campaign.vehicles.autopilots.autopilot import Target
+from wil_campaign.vehicles.autopilots.autopilot import MavlinkTarget
 from wil_campaign.vehicles.autopilots.registry import autopilot_of
 from wil_campaign.vehicles.driver.onboard.parameters import decode_parameter
 from wil_campaign.vehicles.driver.session.identity import identity_of
 from wil_campaign.vehicles.driver.session.session import ReceivedHeartbeat
-from wil_campaign.vehicles.mavlink.codec import Codec
+from wil_campaign.vehicles.mavlink.codec import MavlinkCodec
 from wil_campaign.vehicles.mavlink.names import enum_name
 
 _STAMP_BYTES = 8
@@ -26,7 +26,7 @@ _NO_CURRENT = -1
 
 def read_tlog(path: Path) -> LoggedFlight:
     """Return the flight of the vehicle that a .tlog has most of. Raises LogError."""
-    codec = Codec(system_id=255, component_id=190)
+    codec = MavlinkCodec(system_id=255, component_id=190)
     skipped = _Skipped()
     taken_bytes = 0
     messages: list[tuple[float, Any]] = []
@@ -39,7 +39,7 @@ def read_tlog(path: Path) -> LoggedFlight:
                 messages.append((t_s, message))
     system = _system(messages)
     if system is None:
-        raise LogError(
+        raise FlightLogError(
             f"{path} has no message of an autopilot: is it a MAVLink log (.tlog)? Of "
             f"{path.stat().st_size} bytes {skipped.bytes} are none of MAVLink's"
         )
@@ -164,7 +164,7 @@ class _Vehicle:
         firmware = ""
         if autopilot is not None and beat is not None and self._version is not None:
             received = ReceivedHeartbeat(beat, 0.0, 2)
-            target = Target(self._system)
+            target = MavlinkTarget(self._system)
             identity = identity_of(autopilot, target, received, self._version, is_simulated=False)
             firmware = f"{identity.version_text} ({identity.git_hash})"
         return LoggedFlight(

@@ -34,7 +34,7 @@ class TrackBuilder:
 
     def place(self, t_s: float, latitude_deg: float, longitude_deg: float, alt_m: float) -> None:
         """Add a place on Earth; zeros are no place."""
-        if is_place(latitude_deg, longitude_deg) and isfinite(alt_m):
+        if is_place_on_earth(latitude_deg, longitude_deg) and isfinite(alt_m):
             self._places.append((t_s, Geodetic(latitude_deg, longitude_deg, alt_m)))
 
     def yaw(self, t_s: float, yaw_rad: float) -> None:
@@ -44,7 +44,11 @@ class TrackBuilder:
 
     def set_origin(self, latitude_deg: float, longitude_deg: float, alt_m: float) -> None:
         """Set the place of the local frame's origin, unless it is known."""
-        if self._origin is None and is_place(latitude_deg, longitude_deg) and isfinite(alt_m):
+        if (
+            self._origin is None
+            and is_place_on_earth(latitude_deg, longitude_deg)
+            and isfinite(alt_m)
+        ):
             self._origin = Geodetic(latitude_deg, longitude_deg, alt_m)
 
     @property
@@ -97,7 +101,7 @@ class TrackBuilder:
         return found
 
 
-def is_place(latitude_deg: float, longitude_deg: float) -> bool:
+def is_place_on_earth(latitude_deg: float, longitude_deg: float) -> bool:
     """Return whether two angles are a place on Earth, and not the zeros of a missing fix."""
     inside = abs(latitude_deg) <= 90.0 and abs(longitude_deg) <= 180.0
     return inside and (abs(latitude_deg) > 1e-6 or abs(longitude_deg) > 1e-6)

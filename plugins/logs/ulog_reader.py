@@ -5,7 +5,7 @@ from collections.abc import Collection, Iterator
 from pathlib import Path
 from typing import Any
 
-from wil_campaign.plugins.logs.logged_flight import LogError, LoggedFlight, PowerSample
+from wil_campaign.plugins.logs.logged_flight import FlightLogError, LoggedFlight, PowerSample
 from wil_campaign.plugins.logs.track_builder import TrackBuilder
 from wil_campaign.vehicles.mavlink.names import enum_name
 
@@ -26,13 +26,13 @@ def read_ulog(path: Path) -> LoggedFlight:
     try:
         from pyulog import ULog  # noqa: PLC0415 - an extra
     except ImportError as error:
-        raise LogError(
+        raise FlightLogError(
             f"{path} is a log of PX4, which pyulog reads: pip install 'wil-campaign[logs]'"
         ) from error
     try:
         log = ULog(str(path), list(_TOPICS), disable_str_exceptions=True)
     except Exception as error:  # pyulog raises whatever a damaged file causes
-        raise LogError(f"{path} cannot be read as a log of PX4 (.ulg): {error}") from error
+        raise FlightLogError(f"{path} cannot be read as a log of PX4 (.ulg): {error}") from error
     track = TrackBuilder()
     for row in _rows(log, "vehicle_local_position", _POSITION):
         _receive_position(track, row)

@@ -11,28 +11,28 @@ from typing import Any
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from wil_campaign.plugins.mavsdk.ids import OWN_COMPONENT, OWN_SYSTEM
-from wil_campaign.plugins.mavsdk.mavsdk_client import MavsdkClient, RefusedError
+from wil_campaign.plugins.mavsdk.mavsdk_client import MavsdkClient, MavsdkRefusedError
 from wil_campaign.plugins.mavsdk.mavsdk_onboard import MavsdkLogs, MavsdkMissions
-from wil_campaign.plugins.mavsdk.message_fields import fields_json
-from wil_campaign.plugins.mavsdk.messages import Act, Action, Choose
+from wil_campaign.plugins.mavsdk.message_fields import message_fields_json
+from wil_campaign.plugins.mavsdk.messages import Action, CallAction, ChooseSystem
 from wil_campaign.plugins.mavsdk.relayed_link import RelayedLink
-from wil_campaign.vehicles.autopilots.autopilot import Autopilot, Mode, Target
+from wil_campaign.vehicles.autopilots.autopilot import Autopilot, FlightMode, MavlinkTarget
 from wil_campaign.vehicles.driver.command_backend import FailureListener
 from wil_campaign.vehicles.driver.onboard.onboard import Onboard
 from wil_campaign.vehicles.driver.session.commands import Commander
-from wil_campaign.vehicles.driver.session.session import Session
+from wil_campaign.vehicles.driver.session.session import MavlinkSession
 from wil_campaign.vehicles.driver.vehicle_commands import Done, VehicleCommands
 from wil_campaign.vehicles.errors import CommandError, CommandTimeoutError, IdentifyError
 from wil_campaign.vehicles.links.link import Link
-from wil_campaign.vehicles.mavlink.codec import Codec
+from wil_campaign.vehicles.mavlink.codec import MavlinkCodec
 
 _TRIES = 2
 _WITHIN_S = 6.0
 """mavsdk sends a command four times, half a second apart, and gives up."""
-_MODES: dict[Mode, Action] = {
-    Mode.HOLD: "hold",
-    Mode.LAND: "land",
-    Mode.RTL: "return_to_launch",
+_MODES: dict[FlightMode, Action] = {
+    FlightMode.HOLD: "hold",
+    FlightMode.LAND: "land",
+    FlightMode.RTL: "return_to_launch",
 }
 
 
@@ -45,12 +45,17 @@ class MavsdkCommands(VehicleCommands):
     """
 
     def __init__(
-        self, *, client: MavsdkClient, commander: Commander, autopilot: Autopilot, target: Target
+        self,
+        *,
+        client: MavsdkClient,
+        commander: Commander,
+        autopilot: Autopilot,
+        target: MavlinkTarget,
     ) -> None:
         super().__init__(commander=commander, autopilot=autopilot, target=target)
         self._client = client
 
-    async def set_mode(self, mode: Mode, done: Done) -> None:
+    async def set_mode(self, mode: FlightMode, done: Done) -> None:
         """Command HOLD, GUIDED, LAND or RTL by mavsdk."""
         if mode in _MODES:
             await self._act(_MODES[mode], done)
@@ -69,8 +74,10 @@ class MavsdkCommands(VehicleCommands):
         """Call `Action`; repeat it once after a time-out without visible effect."""
         for last in (*[False] * (_TRIES - 1), True):
             try:
-                await self._client.order(partial(Act, action=action), f"Action.{action}", _WITHIN_S)
-            except RefusedError as error:
+                await self._client.order(
+                    partial(CallAction, action=action), f"Action.{action}", _WITHIN_S
+                )
+            except MavsdkRefusedError as error:
                 if done():
                     return
                 late = error.result == "TIMEOUT"
@@ -97,7 +104,7 @@ class MavsdkBackend:
     def __init__(self, *, name: str) -> None:
         self._name = name
         self.client = MavsdkClient(name=name)
-        self._codec = Codec(system_id=OWN_SYSTEM, component_id=OWN_COMPONENT)
+        self._codec = MavlinkCodec(system_id=OWN_SYSTEM, component_id=OWN_COMPONENT)
         self._link: Link | None = None
 
     @property
@@ -118,27 +125,27 @@ class MavsdkBackend:
         """Call `listener` once when the mavsdk process has died or hangs."""
         self.client.on_failure(listener)
 
-    async def await_vehicle(self, target: Target, timeout_s: float) -> None:
+    async def await_vehicle(self, target: MavlinkTarget, timeout_s: float) -> None:
         """Select mavsdk's target system. Raises IdentifyError when it does not find it."""
         del timeout_s  # A heartbeat has already arrived: mavsdk needs at most a few more.
-        make = partial(Choose, system_id=target.system, within_s=_FIND_S)
+        make = partial(ChooseSystem, system_id=target.system, within_s=_FIND_S)
         try:
             await self.client.order(make, f"system {target.system}", 2.0 * _FIND_S)
-        except RefusedError as error:
+        except MavsdkRefusedError as error:
             raise IdentifyError(
                 f"{self._name}: system {target.system} sends heartbeats, but mavsdk does not find "
                 f"it ({error.result})"
             ) from error
 
     def commands(
-        self, *, commander: Commander, autopilot: Autopilot, target: Target
+        self, *, commander: Commander, autopilot: Autopilot, target: MavlinkTarget
     ) -> VehicleCommands:
         """Return commands that use mavsdk's Action where that is sound."""
         return MavsdkCommands(
             client=self.client, commander=commander, autopilot=autopilot, target=target
         )
 
-    def onboard(self, *, session: Session, circumstances: Callable[[], str]) -> Onboard:
+    def onboard(self, *, session: MavlinkSession, circumstances: Callable[[], str]) -> Onboard:
         """Return missions, fences and logs by mavsdk's plugins."""
         return Onboard(
             session=session,
@@ -153,7 +160,7 @@ class MavsdkBackend:
         if self._link is not None and _is_bits(message):
             self._link.write(self._codec.pack(message))
             return
-        self.client.send_message(message.get_type(), fields_json(message))
+        self.client.send_message(message.get_type(), message_fields_json(message))
 
 
 def _is_bits(message: Any) -> bool:

@@ -12,17 +12,17 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Self, cast
 
-from wil_campaign.foundation.processes.child import ChildProcess, how_it_ended
-from wil_campaign.foundation.processes.codec import FrameReader, MessageError, framed
+from wil_campaign.foundation.processes.child import ChildProcess, exit_status_text
+from wil_campaign.foundation.processes.codec import FrameReader, ProcessMessageError, framed_packet
 from wil_campaign.plugins.mavsdk.messages import (
-    Alive,
-    Done,
     FromProcess,
-    NotSent,
+    LogProgress,
+    MavsdkAlive,
+    MavsdkReady,
+    MessageNotSent,
     Order,
-    Progress,
-    Ready,
-    Refused,
+    OrderExecuted,
+    OrderRefused,
     SendMessage,
     ToProcess,
     from_process,
@@ -36,7 +36,7 @@ _LONGEST_QUEUE_BYTES = 4 << 20
 """A process that does not read counts as hung long before; a mission of thousands fits in."""
 
 
-class LineSocket(asyncio.Protocol):
+class MessageSocket(asyncio.Protocol):
     """A socket of messages: writes them, and passes received ones on; `garbage`: unreadable."""
 
     def __init__(self, on_message: Callable[[FromProcess], None]) -> None:
@@ -55,7 +55,7 @@ class LineSocket(asyncio.Protocol):
 
     def write(self, message: ToProcess) -> None:
         """Write a message to the line socket; dropped when the other end is gone or full."""
-        transport, frame = self._transport, framed(to_process.encode(message))
+        transport, frame = self._transport, framed_packet(to_process.encode(message))
         if transport is None or transport.is_closing():
             return
         if transport.get_write_buffer_size() + len(frame) <= _LONGEST_QUEUE_BYTES:
@@ -79,7 +79,7 @@ class LineSocket(asyncio.Protocol):
         for packet in self._frames.feed(data):
             try:
                 message = from_process.decode(packet)
-            except MessageError:
+            except ProcessMessageError:
                 self.garbage += 1
                 continue
             self._on_message(message)
@@ -89,7 +89,7 @@ FailureListener = Callable[[VehicleError], None]
 
 _START_S = 20.0
 _SILENT_S = 5.0
-"""It sends `Alive` five times a second, and a busy machine may delay that by seconds."""
+"""It sends `MavsdkAlive` five times a second, and a busy machine may delay that by seconds."""
 _FLYING_SILENT_S = 0.8
 """The limit while it has setpoints to send: after 1 s without, PX4 enters its own failsafe, which
 would seem to be the cause."""
@@ -103,7 +103,7 @@ _IMPORT_FAILED = re.compile(r"(ModuleNotFound|Import)Error: .*'mavsdk[.']")
 _INSTALL = "the driver mavsdk needs the package of that name: pip install 'mavsdk>=4.1,<5'"
 
 
-class RefusedError(VehicleError):
+class MavsdkRefusedError(VehicleError):
     """mavsdk refused an order; result: the name of its result."""
 
     def __init__(self, message: str, result: str) -> None:
@@ -115,7 +115,7 @@ class RefusedError(VehicleError):
 class _Waiting:
     """A mavsdk order that awaits its reply. until_s: its deadline, on the wall clock."""
 
-    future: asyncio.Future[Done]
+    future: asyncio.Future[OrderExecuted]
     what: str
     until_s: float
     progress: Callable[[float], None] | None
@@ -131,7 +131,7 @@ class MavsdkClient:
     def __init__(self, *, name: str) -> None:
         self._name = name
         self._child: ChildProcess | None = None
-        self._lines: LineSocket | None = None
+        self._lines: MessageSocket | None = None
         self._ready: asyncio.Future[None] | None = None
         self._waiting: dict[int, _Waiting] = {}
         self._count = 0
@@ -175,7 +175,7 @@ class MavsdkClient:
             raise LinkError(f"{self._name}: the mavsdk process cannot start: {error}") from error
         finally:
             theirs.close()
-        self._lines = await LineSocket.on(ours, self._on_message)
+        self._lines = await MessageSocket.on(ours, self._on_message)
         self._last_check_s = time.monotonic()
         self._watch.start()
         try:
@@ -211,7 +211,7 @@ class MavsdkClient:
         what: str,
         within_s: float,
         progress: Callable[[float], None] | None = None,
-    ) -> Done:
+    ) -> OrderExecuted:
         """Execute an order by mavsdk. make: builds the order with its number.
 
         Raises RefusedError with mavsdk's result, and VehicleError when the process has failed.
@@ -221,7 +221,7 @@ class MavsdkClient:
         if self._lines is None:
             raise VehicleError(f"{self._name}: the mavsdk process is not started yet")
         self._count = number = self._count + 1
-        future: asyncio.Future[Done] = asyncio.get_running_loop().create_future()
+        future: asyncio.Future[OrderExecuted] = asyncio.get_running_loop().create_future()
         self._waiting[number] = _Waiting(future, what, time.monotonic() + within_s, progress)
         self._lines.write(make(number))
         try:
@@ -232,30 +232,30 @@ class MavsdkClient:
     def _on_message(self, message: FromProcess) -> None:
         self._last_received_s = max(self._last_received_s, time.monotonic())
         match message:
-            case Ready():
+            case MavsdkReady():
                 self._last_received_s = time.monotonic()
                 if self._ready is not None and not self._ready.done():
                     self._ready.set_result(None)
-            case Alive(late=late):
+            case MavsdkAlive(late=late):
                 # From the thread that sends messages: orders may succeed while that one hangs.
                 self._unconfirmed_since_s, self.late = None, late
-            case NotSent(name=name, result=result):
+            case MessageNotSent(name=name, result=result):
                 self._fail(f"mavsdk cannot send {name} ({result})")
             case _:
                 self._on_reply(message)
 
-    def _on_reply(self, message: Done | Refused | Progress) -> None:
+    def _on_reply(self, message: OrderExecuted | OrderRefused | LogProgress) -> None:
         """Handle a reply of the mavsdk process to an order."""
         waiting = self._waiting.get(message.number)
         if waiting is None or waiting.future.done():
             return
         match message:
-            case Done():
+            case OrderExecuted():
                 waiting.future.set_result(message)
-            case Refused(result=result):
+            case OrderRefused(result=result):
                 text = f"{self._name}: {waiting.what}: mavsdk reports {result}"
-                waiting.future.set_exception(RefusedError(text, result))
-            case Progress(part=part):
+                waiting.future.set_exception(MavsdkRefusedError(text, result))
+            case LogProgress(part=part):
                 if waiting.progress is not None:
                     waiting.progress(part)
 
@@ -275,7 +275,7 @@ class MavsdkClient:
         for waiting in self._waiting.values():
             if now_s > waiting.until_s and not waiting.future.done():
                 text = f"{self._name}: {waiting.what}: mavsdk did not answer"
-                waiting.future.set_exception(RefusedError(text, "TIMEOUT"))
+                waiting.future.set_exception(MavsdkRefusedError(text, "TIMEOUT"))
 
     def _extend_deadlines(self, delay_s: float) -> None:
         self._last_received_s += delay_s
@@ -286,7 +286,7 @@ class MavsdkClient:
 
     def _on_exit(self, child: ChildProcess) -> None:
         last_line = _last_line(child.stderr_tail)
-        self._fail(f"the mavsdk process {how_it_ended(child.exit_code)}{last_line}")
+        self._fail(f"the mavsdk process {exit_status_text(child.exit_code)}{last_line}")
 
     def _fail(self, what: str) -> None:
         if self._failure is not None:

@@ -20,13 +20,13 @@ from mavsdk.plugins.mission_raw import MissionRaw, MissionRawError
 
 from wil_campaign.plugins.mavsdk.ids import OWN_COMPONENT, OWN_SYSTEM
 from wil_campaign.plugins.mavsdk.messages import (
-    Act,
-    Choose,
-    Download,
+    CallAction,
+    ChooseSystem,
+    DownloadItems,
     FetchLog,
     ListLogs,
     Order,
-    Upload,
+    UploadItems,
 )
 from wil_campaign.vehicles.driver.onboard.mission_protocol import ItemList, MissionItem
 from wil_campaign.vehicles.driver.onboard.vehicle_logs import LogEntry
@@ -36,12 +36,12 @@ _POLL_S = 0.02
 Progress = Callable[[float], None]
 
 
-class LibraryError(Exception):
+class MavsdkLibraryError(Exception):
     """The mavsdk library refused an order or message; the message is the name of its result."""
 
 
 @dataclass(frozen=True, slots=True)
-class Outcome:
+class MavsdkOutcome:
     """The outcome of an order to the mavsdk library."""
 
     items: tuple[MissionItem, ...] = ()
@@ -56,7 +56,7 @@ class MavsdkLibrary:
         self._mavsdk = Mavsdk(kind)
         result = self._mavsdk.add_any_connection(url)
         if result != 0:
-            raise LibraryError(f"mavsdk cannot connect to {url}: {_name(result)}")
+            raise MavsdkLibraryError(f"mavsdk cannot connect to {url}: {_name(result)}")
         self._system: System | None = None
         self._target = 0
         self._acting = threading.Lock()
@@ -72,21 +72,21 @@ class MavsdkLibrary:
         try:
             self._direct.send_message(message)
         except MavlinkDirectError as error:
-            raise LibraryError(error.result.name) from error
+            raise MavsdkLibraryError(error.result.name) from error
 
-    def execute(self, order: Order, progress: Progress) -> Outcome:
+    def execute(self, order: Order, progress: Progress) -> MavsdkOutcome:
         """Execute an order by the mavsdk library."""
-        if isinstance(order, Choose):
+        if isinstance(order, ChooseSystem):
             self._choose(order)
-            return Outcome()
+            return MavsdkOutcome()
         if self._system is None:
-            raise LibraryError("NO_SYSTEM")
+            raise MavsdkLibraryError("NO_SYSTEM")
         try:
             return self._execute(self._system, order, progress)
         except (ActionError, MissionRawError, LogFilesError) as error:
-            raise LibraryError(error.result.name) from error
+            raise MavsdkLibraryError(error.result.name) from error
 
-    def _choose(self, order: Choose) -> None:
+    def _choose(self, order: ChooseSystem) -> None:
         end_s = time.monotonic() + order.within_s
         while True:
             for system in self._mavsdk.get_systems():
@@ -94,7 +94,7 @@ class MavsdkLibrary:
                     self._receive(system)
                     return
             if time.monotonic() > end_s:
-                raise LibraryError("TIMEOUT")
+                raise MavsdkLibraryError("TIMEOUT")
             time.sleep(_POLL_S)
 
     def _receive(self, system: System) -> None:
@@ -107,27 +107,29 @@ class MavsdkLibrary:
     def _execute(
         self,
         system: System,
-        order: Act | Upload | Download | ListLogs | FetchLog,
+        order: CallAction | UploadItems | DownloadItems | ListLogs | FetchLog,
         progress: Progress,
-    ) -> Outcome:
+    ) -> MavsdkOutcome:
         match order:
-            case Act():
+            case CallAction():
                 getattr(self._actions(system), order.action)()
-                return Outcome()
-            case Upload():
+                return MavsdkOutcome()
+            case UploadItems():
                 with self._transfers["missions"]:
                     self._upload(order)
-                return Outcome()
-            case Download():
+                return MavsdkOutcome()
+            case DownloadItems():
                 with self._transfers["missions"]:
-                    return Outcome(items=tuple(map(MissionItem.of, self._download(order.which))))
+                    return MavsdkOutcome(
+                        items=tuple(map(MissionItem.of, self._download(order.which)))
+                    )
             case ListLogs():
                 with self._transfers["logs"]:
-                    return Outcome(logs=self._list())
+                    return MavsdkOutcome(logs=self._list())
             case FetchLog():
                 with self._transfers["logs"]:
                     self._fetch(order, progress)
-                return Outcome()
+                return MavsdkOutcome()
 
     def _actions(self, system: System) -> Action:
         """Return mavsdk's Action, created at its first use.
@@ -140,7 +142,7 @@ class MavsdkLibrary:
                 self._action = Action(system)
             return self._action
 
-    def _upload(self, order: Upload) -> None:
+    def _upload(self, order: UploadItems) -> None:
         items = [_raw(number, item, order.which) for number, item in enumerate(order.items)]
         match order.which:
             case ItemList.MISSION:
@@ -183,9 +185,9 @@ class MavsdkLibrary:
         entry = Entry(order.entry.number, "", order.entry.size_bytes)
         self._logs.download_log_file_async(entry, order.path, report)
         if not ended.wait(order.within_s):
-            raise LibraryError("TIMEOUT")
+            raise MavsdkLibraryError("TIMEOUT")
         if results[0] is not LogFilesResult.SUCCESS:
-            raise LibraryError(results[0].name)
+            raise MavsdkLibraryError(results[0].name)
 
 
 def _raw(number: int, item: MissionItem, which: ItemList) -> RawItem:

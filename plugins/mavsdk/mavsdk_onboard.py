@@ -5,18 +5,18 @@ from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
-from wil_campaign.plugins.mavsdk.mavsdk_client import MavsdkClient, RefusedError
-from wil_campaign.plugins.mavsdk.messages import Download, FetchLog, ListLogs, Upload
+from wil_campaign.plugins.mavsdk.mavsdk_client import MavsdkClient, MavsdkRefusedError
+from wil_campaign.plugins.mavsdk.messages import DownloadItems, FetchLog, ListLogs, UploadItems
 from wil_campaign.vehicles.driver.onboard.mission_protocol import (
     STATUSTEXT_WAIT_S,
     ItemList,
     MissionItem,
     MissionProtocol,
     UnsupportedListError,
-    UnsureError,
+    UnsureUploadError,
 )
-from wil_campaign.vehicles.driver.onboard.vehicle_logs import LogEntry, LogError, VehicleLogs
-from wil_campaign.vehicles.driver.session.session import Session
+from wil_campaign.vehicles.driver.onboard.vehicle_logs import LogEntry, VehicleLogError, VehicleLogs
+from wil_campaign.vehicles.driver.session.session import MavlinkSession
 
 _LIST_S = 60.0
 _LOGS_S, _LOG_S = 30.0, 1800.0
@@ -32,7 +32,7 @@ class MavsdkMissions(MissionProtocol):
     """
 
     def __init__(
-        self, *, client: MavsdkClient, session: Session, circumstances: Callable[[], str]
+        self, *, client: MavsdkClient, session: MavlinkSession, circumstances: Callable[[], str]
     ) -> None:
         super().__init__(session=session, circumstances=circumstances)
         self._client = client
@@ -41,22 +41,22 @@ class MavsdkMissions(MissionProtocol):
         if self._client.failed:
             await super()._send_list(which, items)
             return
-        make = partial(Upload, which=which, items=tuple(items))
+        make = partial(UploadItems, which=which, items=tuple(items))
         try:
             await self._client.order(make, f"{which.name.lower()} upload", _LIST_S)
-        except RefusedError as error:
+        except MavsdkRefusedError as error:
             if error.result == "TIMEOUT":
-                raise UnsureError(str(error)) from error
+                raise UnsureUploadError(str(error)) from error
             await asyncio.sleep(STATUSTEXT_WAIT_S)
             raise self._error(which, f"it was refused: mavsdk reports {error.result}") from error
 
     async def _read_list(self, which: ItemList) -> tuple[MissionItem, ...]:
         if self._client.failed:
             return await super()._read_list(which)
-        make = partial(Download, which=which)
+        make = partial(DownloadItems, which=which)
         try:
             reply = await self._client.order(make, f"{which.name.lower()} download", _LIST_S)
-        except RefusedError as error:
+        except MavsdkRefusedError as error:
             failure = self._error(which, f"it was not read back: mavsdk reports {error.result}")
             if error.result == "UNSUPPORTED":
                 raise UnsupportedListError(str(failure)) from error
@@ -67,7 +67,7 @@ class MavsdkMissions(MissionProtocol):
 class MavsdkLogs(VehicleLogs):
     """Lists and fetches logs by mavsdk's `LogFiles`; by the session when mavsdk is gone."""
 
-    def __init__(self, *, client: MavsdkClient, session: Session) -> None:
+    def __init__(self, *, client: MavsdkClient, session: MavlinkSession) -> None:
         super().__init__(session=session)
         self._client = client
 
@@ -78,11 +78,11 @@ class MavsdkLogs(VehicleLogs):
         while True:
             try:
                 return (await self._client.order(ListLogs, "list of logs", _LOGS_S)).logs
-            except RefusedError as error:
+            except MavsdkRefusedError as error:
                 # mavsdk requests lost entries again, but not a list of which nothing arrived.
                 pause_s = next(pauses_s, None)
                 if error.result != "TIMEOUT" or pause_s is None:
-                    raise LogError(str(error)) from error
+                    raise VehicleLogError(str(error)) from error
                 await asyncio.sleep(pause_s)
 
     async def _fetch_to(
@@ -101,10 +101,10 @@ class MavsdkLogs(VehicleLogs):
         make = partial(FetchLog, entry=entry, path=str(half), within_s=_LOG_S)
         try:
             await self._client.order(make, f"log {entry.number}", _LOG_S + 10.0, report)
-        except RefusedError as error:
-            raise LogError(str(error)) from error
+        except MavsdkRefusedError as error:
+            raise VehicleLogError(str(error)) from error
         size_bytes = (await asyncio.to_thread(half.stat)).st_size
         if size_bytes != entry.size_bytes:
-            raise LogError(
+            raise VehicleLogError(
                 f"log {entry.number}: mavsdk received {size_bytes} of {entry.size_bytes} bytes"
             )

@@ -15,18 +15,18 @@ import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
 
-from wil_campaign.foundation.processes.codec import FrameReader, MessageError, framed
+from wil_campaign.foundation.processes.codec import FrameReader, ProcessMessageError, framed_packet
 from wil_campaign.foundation.processes.linux import UnsupportedSystemError, die_with_parent
-from wil_campaign.plugins.mavsdk.mavsdk_library import LibraryError, MavsdkLibrary
+from wil_campaign.plugins.mavsdk.mavsdk_library import MavsdkLibrary, MavsdkLibraryError
 from wil_campaign.plugins.mavsdk.messages import (
-    Alive,
-    Done,
     FromProcess,
-    NotSent,
+    LogProgress,
+    MavsdkAlive,
+    MavsdkReady,
+    MessageNotSent,
     Order,
-    Progress,
-    Ready,
-    Refused,
+    OrderExecuted,
+    OrderRefused,
     SendMessage,
     from_process,
     to_process,
@@ -34,14 +34,14 @@ from wil_campaign.plugins.mavsdk.messages import (
 
 BAD_USE, FAILED = 2, 1
 ALIVE_S = 0.2
-"""The longest interval between two `Alive` of the thread that sends messages."""
+"""The longest interval between two `MavsdkAlive` of the thread that sends messages."""
 STALE_S = 1.0
 """A message that waited longer is not sent: setpoints are renewed, and commands repeated."""
 _ORDERS = 4
 _READ_BYTES = 1 << 16
 
 
-class ReplySender:
+class MavsdkReplySender:
     """Sends the mavsdk process's replies to the driver, from any thread."""
 
     def __init__(self, end: socket.socket) -> None:
@@ -52,15 +52,15 @@ class ReplySender:
         """Send a reply of the mavsdk process; does nothing when the driver is gone."""
         try:
             with self._turn:
-                self._end.sendall(framed(from_process.encode(message)))
+                self._end.sendall(framed_packet(from_process.encode(message)))
         except OSError:
             return  # The main thread notices that the driver is gone.
 
 
-class MessageThread:
-    """The mavsdk process's thread that sends messages, and `Alive` to the driver."""
+class MavsdkMessageThread:
+    """The mavsdk process's thread that sends messages, and `MavsdkAlive` to the driver."""
 
-    def __init__(self, library: MavsdkLibrary, replies: ReplySender) -> None:
+    def __init__(self, library: MavsdkLibrary, replies: MavsdkReplySender) -> None:
         self._library = library
         self._replies = replies
         self._queue: queue.SimpleQueue[SendMessage] = queue.SimpleQueue()
@@ -79,7 +79,7 @@ class MessageThread:
             now_s = time.monotonic()
             if now_s - alive_sent_s >= ALIVE_S / 2.0:
                 alive_sent_s = now_s
-                self._replies.send(Alive(self._late))
+                self._replies.send(MavsdkAlive(self._late))
 
     def _send(self, message: SendMessage) -> None:
         if time.monotonic() - message.at_s > STALE_S:
@@ -87,48 +87,48 @@ class MessageThread:
             return
         try:
             self._library.send_message(message.name, message.fields)
-        except LibraryError as error:
-            self._replies.send(NotSent(message.name, str(error)))
+        except MavsdkLibraryError as error:
+            self._replies.send(MessageNotSent(message.name, str(error)))
         except Exception as error:  # noqa: BLE001 - the driver has to see the reason
-            self._replies.send(NotSent(message.name, f"{type(error).__name__}: {error}"))
+            self._replies.send(MessageNotSent(message.name, f"{type(error).__name__}: {error}"))
 
 
-def execute(library: MavsdkLibrary, replies: ReplySender, order: Order) -> None:
+def execute_mavsdk_order(library: MavsdkLibrary, replies: MavsdkReplySender, order: Order) -> None:
     """Execute an order in the mavsdk process and reply, whatever the outcome."""
     try:
-        outcome = library.execute(order, lambda part: replies.send(Progress(order.number, part)))
-    except LibraryError as error:
-        replies.send(Refused(order.number, str(error)))
+        outcome = library.execute(order, lambda part: replies.send(LogProgress(order.number, part)))
+    except MavsdkLibraryError as error:
+        replies.send(OrderRefused(order.number, str(error)))
     except Exception as error:  # noqa: BLE001 - the driver waits for a reply
-        replies.send(Refused(order.number, f"{type(error).__name__}: {error}"))
+        replies.send(OrderRefused(order.number, f"{type(error).__name__}: {error}"))
     else:
-        replies.send(Done(order.number, items=outcome.items, logs=outcome.logs))
+        replies.send(OrderExecuted(order.number, items=outcome.items, logs=outcome.logs))
 
 
-def serve(end: socket.socket, url: str) -> int:
+def serve_mavsdk_driver(end: socket.socket, url: str) -> int:
     """Serve the driver until it is gone. Returns an exit code when mavsdk does not start."""
-    replies = ReplySender(end)
+    replies = MavsdkReplySender(end)
     try:
         library = MavsdkLibrary(url)
-    except LibraryError as error:
+    except MavsdkLibraryError as error:
         sys.stderr.write(f"{error}\n")
         return FAILED
-    messages = MessageThread(library, replies)
+    messages = MavsdkMessageThread(library, replies)
     threading.Thread(target=messages.run, name="messages", daemon=True).start()
     orders = ThreadPoolExecutor(_ORDERS, thread_name_prefix="order")
-    replies.send(Ready())
+    replies.send(MavsdkReady())
     frames = FrameReader()
     while data := end.recv(_READ_BYTES):
         for packet in frames.feed(data):
             try:
                 message = to_process.decode(packet)
-            except MessageError as error:
+            except ProcessMessageError as error:
                 sys.stderr.write(f"{error}\n")
                 continue
             if isinstance(message, SendMessage):
                 messages.queue_message(message)
             else:
-                orders.submit(execute, library, replies, message)
+                orders.submit(execute_mavsdk_order, library, replies, message)
     # No orderly shutdown: a call into mavsdk that blocks would prevent the exit.
     os._exit(0)
 
@@ -152,4 +152,4 @@ def main(arguments: list[str]) -> int:
         sys.stderr.write(f"stdin is not a socket to a driver: {error}\n")
         return BAD_USE
     end.setblocking(True)
-    return serve(end, arguments[0])
+    return serve_mavsdk_driver(end, arguments[0])

@@ -5,7 +5,7 @@ import math
 from typing import Any
 
 
-def fields_json(message: Any) -> str:
+def message_fields_json(message: Any) -> str:
     """Return the fields of a pymavlink message as JSON for mavsdk.
 
     NaN becomes null: JSON has no NaN, and mavsdk 4.1 reads null as NaN. Raises ValueError for an

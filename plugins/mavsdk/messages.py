@@ -2,7 +2,7 @@
 
 from typing import Literal
 
-from wil_campaign.foundation.processes.codec import Codec, Message
+from wil_campaign.foundation.processes.codec import MessageCodec, ProcessMessage
 from wil_campaign.vehicles.driver.onboard.mission_protocol import ItemList, MissionItem
 from wil_campaign.vehicles.driver.onboard.vehicle_logs import LogEntry
 
@@ -10,7 +10,7 @@ Action = Literal["hold", "land", "return_to_launch", "disarm", "terminate"]
 """Names of mavsdk's `Action`."""
 
 
-class Choose(Message, frozen=True):
+class ChooseSystem(ProcessMessage, frozen=True):
     """Message to the mavsdk process: select the target system."""
 
     number: int
@@ -18,7 +18,7 @@ class Choose(Message, frozen=True):
     within_s: float
 
 
-class SendMessage(Message, frozen=True):
+class SendMessage(ProcessMessage, frozen=True):
     """Message to the mavsdk process: send a message. fields: JSON. at_s: CLOCK_MONOTONIC."""
 
     name: str
@@ -26,14 +26,14 @@ class SendMessage(Message, frozen=True):
     at_s: float
 
 
-class Act(Message, frozen=True):
+class CallAction(ProcessMessage, frozen=True):
     """Message to the mavsdk process: call a method of `Action`."""
 
     number: int
     action: Action
 
 
-class Upload(Message, frozen=True):
+class UploadItems(ProcessMessage, frozen=True):
     """Message to the mavsdk process: upload a list of items by `MissionRaw`."""
 
     number: int
@@ -41,20 +41,20 @@ class Upload(Message, frozen=True):
     items: tuple[MissionItem, ...]
 
 
-class Download(Message, frozen=True):
+class DownloadItems(ProcessMessage, frozen=True):
     """Message to the mavsdk process: download a list of items by `MissionRaw`."""
 
     number: int
     which: ItemList
 
 
-class ListLogs(Message, frozen=True):
+class ListLogs(ProcessMessage, frozen=True):
     """Message to the mavsdk process: list the logs by `LogFiles`."""
 
     number: int
 
 
-class FetchLog(Message, frozen=True):
+class FetchLog(ProcessMessage, frozen=True):
     """Message to the mavsdk process: fetch a log by `LogFiles` into a new file."""
 
     number: int
@@ -63,24 +63,24 @@ class FetchLog(Message, frozen=True):
     within_s: float
 
 
-class Ready(Message, frozen=True):
+class MavsdkReady(ProcessMessage, frozen=True):
     """Message of the mavsdk process: mavsdk runs and listens."""
 
 
-class Alive(Message, frozen=True):
+class MavsdkAlive(ProcessMessage, frozen=True):
     """Message of the mavsdk process: its thread runs. late: how many messages were too old."""
 
     late: int
 
 
-class NotSent(Message, frozen=True):
+class MessageNotSent(ProcessMessage, frozen=True):
     """Message of the mavsdk process: a message cannot be sent. result: of MavlinkDirect."""
 
     name: str
     result: str
 
 
-class Done(Message, frozen=True):
+class OrderExecuted(ProcessMessage, frozen=True):
     """Message of the mavsdk process: an order was executed; with the requested data."""
 
     number: int
@@ -88,23 +88,25 @@ class Done(Message, frozen=True):
     logs: tuple[LogEntry, ...] = ()
 
 
-class Refused(Message, frozen=True):
+class OrderRefused(ProcessMessage, frozen=True):
     """Message of the mavsdk process: an order was refused. result: the name of mavsdk's result."""
 
     number: int
     result: str
 
 
-class Progress(Message, frozen=True):
+class LogProgress(ProcessMessage, frozen=True):
     """Message of the mavsdk process: the part of a log that has arrived, 0 to 1."""
 
     number: int
     part: float
 
 
-Order = Choose | Act | Upload | Download | ListLogs | FetchLog
+Order = ChooseSystem | CallAction | UploadItems | DownloadItems | ListLogs | FetchLog
 ToProcess = Order | SendMessage
-FromProcess = Ready | Alive | NotSent | Done | Refused | Progress
+FromProcess = (
+    MavsdkReady | MavsdkAlive | MessageNotSent | OrderExecuted | OrderRefused | LogProgress
+)
 
-to_process: Codec[ToProcess] = Codec(ToProcess)
-from_process: Codec[FromProcess] = Codec(FromProcess)
+to_process: MessageCodec[ToProcess] = MessageCodec(ToProcess)
+from_process: MessageCodec[FromProcess] = MessageCodec(FromProcess)

@@ -1,6 +1,6 @@
 """How the surfaces of a mesh file look, by its own materials: colours and textures.
 
-Each format's reader states its materials as `Look`; here they become what the renderer draws.
+Each format's reader states its materials as `SurfaceLook`; here they become what is drawn.
 What it does not draw is refused by the material's name, for a camera would see something else.
 """
 
@@ -12,11 +12,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from wil_campaign.foundation.files.images import ImageError, decode_image, read_image, read_tga
+from wil_campaign.foundation.files.images import ImageError, decode_image_file, read_image, read_tga
 from wil_campaign.plugins.meshes.mesh_support import UnsupportedMeshError
 from wil_campaign.worlds.scene.colors import Rgb, srgb_of_linear
 from wil_campaign.worlds.scene.meshes import BgrTexture, FloatArray, IntArray, Material
-from wil_campaign.worlds.scene.textures import to_powers_of_two
+from wil_campaign.worlds.scene.textures import texture_to_powers_of_two
 
 Wrap = Literal["repeat", "mirror", "clamp"]
 AlphaOf = Literal["nothing", "cut-outs", "glass"]
@@ -35,7 +35,7 @@ Affine = tuple[tuple[float, float, float], tuple[float, float, float]]
 
 
 @dataclass(frozen=True, slots=True)
-class Picture:
+class LookPicture:
     """The image of a look: a file, or bytes of the mesh file.
 
     uv_set: which texture coordinates place it. affine: maps these, as the file has them, to those
@@ -51,7 +51,7 @@ class Picture:
 
 
 @dataclass(frozen=True, slots=True)
-class Look:
+class SurfaceLook:
     """A material of a mesh file. name: for messages. rgb: 0 to 1, multiplied with the picture.
 
     is_linear: whether rgb and the colours of vertices are linear, as in glTF, else sRGB. alpha:
@@ -61,7 +61,7 @@ class Look:
 
     name: str
     rgb: tuple[float, float, float] = PLAIN_RGB
-    picture: Picture | None = None
+    picture: LookPicture | None = None
     is_linear: bool = False
     alpha: float = 1.0
     alpha_of: AlphaOf = "nothing"
@@ -69,7 +69,7 @@ class Look:
     opacity: Path | None = None
 
 
-NO_LOOK = Look("")
+NO_LOOK = SurfaceLook("")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -83,7 +83,7 @@ class FilePart:
 
     vertices: FloatArray
     faces: IntArray
-    look: Look = NO_LOOK
+    look: SurfaceLook = NO_LOOK
     uv: FloatArray | None = None
     v_is_up: bool = True
     colors: FloatArray | None = None
@@ -91,12 +91,12 @@ class FilePart:
 
 
 @dataclass(frozen=True, slots=True)
-class Painter:
+class LookPainter:
     """Makes materials of looks. draws_transparent: transparent surfaces are drawn as opaque."""
 
     draws_transparent: bool = False
     _images: dict[Path | bytes, NDArray[Any]] = field(default_factory=dict)
-    _textures: dict[tuple[Picture, tuple[bool, bool]], BgrTexture] = field(default_factory=dict)
+    _textures: dict[tuple[LookPicture, tuple[bool, bool]], BgrTexture] = field(default_factory=dict)
 
     def paint(self, part: FilePart) -> tuple[FloatArray, IntArray, tuple[Material, ...]]:
         """Return texture coordinates (v downwards), each face's material, and the materials.
@@ -117,7 +117,7 @@ class Painter:
         material = Material(_only(look, rgb), self._texture(look.picture, image, is_mirrored))
         return uv, np.zeros(len(part.faces), np.int32), (material,)
 
-    def _image(self, look: Look, source: Path | bytes) -> NDArray[Any]:
+    def _image(self, look: SurfaceLook, source: Path | bytes) -> NDArray[Any]:
         """Return the pixels of an image, (height, width, 3 or 4), 8 bit, BGR and alpha."""
         if source not in self._images:
             try:
@@ -131,7 +131,7 @@ class Painter:
         return self._images[source]
 
     def _texture(
-        self, picture: Picture, image: NDArray[Any], is_mirrored: tuple[bool, bool]
+        self, picture: LookPicture, image: NDArray[Any], is_mirrored: tuple[bool, bool]
     ) -> BgrTexture:
         """Return an image as a texture; equal ones are one array, which is packed once.
 
@@ -145,7 +145,7 @@ class Painter:
                 bgr = np.clip(changed, 0, 255).astype(np.uint8)
             for axis, mirrored in zip((1, 0), is_mirrored, strict=True):
                 bgr = np.concatenate([bgr, np.flip(bgr, axis)], axis) if mirrored else bgr
-            self._textures[key] = to_powers_of_two(np.ascontiguousarray(bgr))
+            self._textures[key] = texture_to_powers_of_two(np.ascontiguousarray(bgr))
         return self._textures[key]
 
     def _check_alpha(self, part: FilePart, image: NDArray[Any] | None) -> None:
@@ -173,7 +173,7 @@ class Painter:
 def _decoded(source: Path | bytes) -> NDArray[Any]:
     """Return the pixels of an image as it has them. Raises ImageError, OSError."""
     if isinstance(source, bytes):
-        return decode_image(source, cv2.IMREAD_UNCHANGED)
+        return decode_image_file(source, cv2.IMREAD_UNCHANGED)
     if source.suffix.lower() == ".tga":
         return read_tga(source)
     return read_image(source, cv2.IMREAD_UNCHANGED)
@@ -223,7 +223,7 @@ def _few(rgb: IntArray, count: int) -> tuple[IntArray, IntArray]:
     return index.reshape(-1).astype(np.int32), unpacked
 
 
-def _only(look: Look, rgb: IntArray) -> Rgb:
+def _only(look: SurfaceLook, rgb: IntArray) -> Rgb:
     """Return the one colour of a textured part. Raises UnsupportedMeshError for several."""
     if np.ptp(rgb, axis=0).max() > 1:
         raise UnsupportedMeshError(
@@ -233,7 +233,7 @@ def _only(look: Look, rgb: IntArray) -> Rgb:
     return _rgb(rgb[0])
 
 
-def _placed(part: FilePart, picture: Picture) -> tuple[FloatArray, tuple[bool, bool]]:
+def _placed(part: FilePart, picture: LookPicture) -> tuple[FloatArray, tuple[bool, bool]]:
     """Return texture coordinates in repeats of the texture, v downwards, and where it is mirrored.
 
     A mirrored texture has the image twice.

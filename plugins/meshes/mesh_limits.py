@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree as ET
 
-from wil_campaign.foundation.files.images import ImageError, check_pixels, image_size
+from wil_campaign.foundation.files.images import ImageError, check_image_size, image_size
 from wil_campaign.foundation.files.limits import (
     MAX_MESH_BYTES,
     MAX_MESH_DEPTH,
@@ -46,7 +46,7 @@ class MeshLimitError(Exception):
     """A mesh file beyond a limit; says which."""
 
 
-def check_size(path: Path) -> None:
+def check_mesh_file_size(path: Path) -> None:
     """Raise MeshLimitError for a mesh file that is too large to be opened."""
     if path.stat().st_size > MAX_MESH_BYTES:
         raise MeshLimitError(f"it is larger than {MAX_MESH_BYTES} bytes")
@@ -95,7 +95,7 @@ def _check_image(path: Path, uri: str) -> None:
         return
     if (size := image_size(data)) is not None:
         try:
-            check_pixels(*size)
+            check_image_size(*size)
         except ImageError as error:
             raise MeshLimitError(f"an image in it cannot be decoded: {error}") from error
 

@@ -26,28 +26,28 @@ Number = TypeVar("Number", np.int64, np.float64)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Polygons:
+class MeshPolygons:
     """Polygons of a mesh: points (n, 3); corners, the indices of all, and sizes, of each."""
 
     points: FloatArray
     corners: Integers
     sizes: Integers
 
-    def large(self) -> "Polygons":
+    def large(self) -> "MeshPolygons":
         """Return the polygons of more than three corners."""
         is_large = self.sizes > len("xyz")
-        return Polygons(
+        return MeshPolygons(
             self.points, self.corners[np.repeat(is_large, self.sizes)], self.sizes[is_large]
         )
 
 
-def numbers(text: str | bytes, kind: type[Number]) -> NDArray[Number]:
+def numbers_in_text(text: str | bytes, kind: type[Number]) -> NDArray[Number]:
     """Return the numbers of a text, between white space. Raises ValueError for anything else."""
     # A list of texts would take ten times the memory.
     return np.fromstring(text, kind, sep=" ") if text.strip() else np.empty(0, kind)
 
 
-def check_polygons(polygons: Polygons) -> None:
+def check_polygons(polygons: MeshPolygons) -> None:
     """Raise UnsupportedMeshError for a polygon that its fan of triangles would overlap.
 
     Raises IndexError for a corner that is none of the points, ValueError for sizes that do not fit.
@@ -66,7 +66,7 @@ def check_polygons(polygons: Polygons) -> None:
         )
 
 
-def fans(sizes: Integers) -> Integers:
+def polygon_fans(sizes: Integers) -> Integers:
     """Return the triangles (m, 3) of polygons, fans about their first corners, of all corners.
 
     sizes: of each polygon, at least 3 corners.
@@ -78,7 +78,7 @@ def fans(sizes: Integers) -> Integers:
     return np.stack([apex, apex + step, apex + step + 1], axis=1)
 
 
-def _is_overlapped(polygons: Polygons) -> NDArray[np.bool_]:
+def _is_overlapped(polygons: MeshPolygons) -> NDArray[np.bool_]:
     """Return which polygons have a triangle in their fan that turns the other way.
 
     A polygon turns about the sum of its triangles' normals (Newell's), flat or not.
@@ -105,7 +105,7 @@ def _is_overlapped(polygons: Polygons) -> NDArray[np.bool_]:
     return overlapped
 
 
-def ply_polygons(raw: Mapping[str, Any]) -> Polygons | None:
+def ply_polygons(raw: Mapping[str, Any]) -> MeshPolygons | None:
     """Return the polygons in trimesh's raw elements of a PLY file; None for no faces.
 
     Raises UnsupportedMeshError for a binary file whose faces it took apart at wrong places.
@@ -128,10 +128,10 @@ def ply_polygons(raw: Mapping[str, Any]) -> Polygons | None:
     return _listed(points, lists["f1"])
 
 
-def _listed(points: FloatArray, lists: NDArray[Any]) -> Polygons:
+def _listed(points: FloatArray, lists: NDArray[Any]) -> MeshPolygons:
     """Return polygons by the corners of each: an array (n, k), or n arrays of any lengths."""
     if lists.ndim > 1:
         sizes = np.full(len(lists), lists.shape[1], np.int64)
-        return Polygons(points, lists.reshape(-1).astype(np.int64), sizes)
+        return MeshPolygons(points, lists.reshape(-1).astype(np.int64), sizes)
     sizes = np.array([len(each) for each in lists], np.int64)
-    return Polygons(points, np.concatenate([*lists]).astype(np.int64), sizes)
+    return MeshPolygons(points, np.concatenate([*lists]).astype(np.int64), sizes)

@@ -22,20 +22,20 @@ from wil_campaign.plugins.meshes.formats.gltf_file import open_gltf, read_gltf
 from wil_campaign.plugins.meshes.formats.obj_file import read_obj
 from wil_campaign.plugins.meshes.formats.ply_file import read_ply
 from wil_campaign.plugins.meshes.formats.stl_file import read_stl
-from wil_campaign.plugins.meshes.looks import FilePart, Painter
+from wil_campaign.plugins.meshes.looks import FilePart, LookPainter
 from wil_campaign.plugins.meshes.mesh_limits import (
     MeshLimitError,
     check_gltf,
+    check_mesh_file_size,
     check_ply,
-    check_size,
     open_collada,
 )
 from wil_campaign.plugins.meshes.mesh_support import UnsupportedMeshError
-from wil_campaign.plugins.meshes.smoothing import smoothed
+from wil_campaign.plugins.meshes.smoothing import smoothed_mesh
 from wil_campaign.worlds.frames import Pose
-from wil_campaign.worlds.scene.mesh_formats import Axes, MeshFileError, Unit
-from wil_campaign.worlds.scene.meshes import FloatArray, Mesh, merge
-from wil_campaign.worlds.scene.parts import Part, SurfaceShape
+from wil_campaign.worlds.scene.mesh_formats import MeshAxes, MeshFileError, Unit
+from wil_campaign.worlds.scene.meshes import FloatArray, Mesh, merge_meshes
+from wil_campaign.worlds.scene.parts import SolidPart, SurfaceShape
 from wil_campaign.worlds.scene.shapes import Shape
 
 _GLB_HEAD = struct.Struct("<4sII")
@@ -43,7 +43,7 @@ _GLB_CHUNK = struct.Struct("<I4s")
 _STL_HEAD_BYTES, _STL_FACET_BYTES = 84, 50
 
 
-def damage(path: Path) -> str:
+def mesh_file_damage(path: Path) -> str:
     """Return how a mesh file of a known suffix is damaged or malformed; "" when sound.
 
     GLB: glTF 2.0, chapter 4.4 "Binary glTF Layout". STL: 80 bytes, a count, 50 bytes a facet.
@@ -131,13 +131,13 @@ _NO_AREA = 1e-12
 """Of the square of the longest edge: what is left of no area after rounding."""
 
 
-Y_UP = Axes("y", "z")
+Y_UP = MeshAxes("y", "z")
 """glTF 2.0, section 3.4: +Y up, +Z forward; Collada's default is Y up as well."""
-Z_UP = Axes("z", "x")
+Z_UP = MeshAxes("z", "x")
 """REP 103: x forward, z up."""
 
 
-def default_axes(path: Path, asset: "Asset") -> Axes:
+def default_mesh_axes(path: Path, asset: "MeshAsset") -> MeshAxes:
     """Return the axes that a mesh file states, else the custom of its format."""
     if asset.up_axis is not None:
         return asset.up_axis
@@ -145,17 +145,17 @@ def default_axes(path: Path, asset: "Asset") -> Axes:
 
 
 @dataclass(frozen=True, slots=True)
-class Asset:
+class MeshAsset:
     """A mesh file's own statements: metres per unit, and its axes. Only Collada has them."""
 
     unit_m: float = 1.0
-    up_axis: Axes | None = None
+    up_axis: MeshAxes | None = None
 
 
-_COLLADA_AXES = {"X_UP": Axes("x", "z"), "Y_UP": Y_UP, "Z_UP": Z_UP}
+_COLLADA_AXES = {"X_UP": MeshAxes("x", "z"), "Y_UP": Y_UP, "Z_UP": Z_UP}
 
 
-def _asset(root: ET.Element) -> Asset:
+def _asset(root: ET.Element) -> MeshAsset:
     """Return the unit and axes that a Collada mesh file states (1.4.1, chapter 5, "asset").
 
     Raises MeshFileError for a unit that is no length.
@@ -163,7 +163,7 @@ def _asset(root: ET.Element) -> Asset:
     unit, axes = root.find("{*}asset/{*}unit"), root.findtext("{*}asset/{*}up_axis")
     written = None if unit is None else unit.get("meter")
     unit_m = 1.0 if written is None else _metres(written)
-    return Asset(unit_m, _COLLADA_AXES.get((axes or "").strip()))
+    return MeshAsset(unit_m, _COLLADA_AXES.get((axes or "").strip()))
 
 
 def _metres(written: str) -> float:
@@ -182,7 +182,7 @@ def load_mesh_shape(
     *,
     unit: Unit | None = None,
     scale: float = 1.0,
-    axes: Axes | None = None,
+    axes: MeshAxes | None = None,
     draws_transparent: bool = False,
 ) -> Shape:
     """Return the shape in a mesh file; its surface is what can be touched.
@@ -199,25 +199,25 @@ def load_mesh_shape(
         raise MeshFileError("no such file")
     try:
         asset, parts = _read(path)
-        turn = (axes or default_axes(path, asset)).frd_from_file()
+        turn = (axes or default_mesh_axes(path, asset)).frd_from_file()
         turn = turn * (scale * (METRES[unit] if unit else asset.unit_m))
-        painter = Painter(draws_transparent=draws_transparent)
+        painter = LookPainter(draws_transparent=draws_transparent)
         meshes = [_convert(part, turn, painter) for part in parts]
     except (MeshLimitError, UnsupportedMeshError) as error:
         raise MeshFileError(str(error)) from error
     if not meshes:
-        why = damage(path)
+        why = mesh_file_damage(path)
         raise MeshFileError(f"it has no triangles{': ' if why else ''}{why}")
-    mesh = merge(meshes)
+    mesh = merge_meshes(meshes)
     _check_area(mesh)
     surface = SurfaceShape(mesh.vertices_m, mesh.faces)
-    return Shape("mesh", mesh, (Part("surface", surface, Pose((0.0, 0.0, 0.0))),))
+    return Shape("mesh", mesh, (SolidPart("surface", surface, Pose((0.0, 0.0, 0.0))),))
 
 
-def _read(path: Path) -> tuple[Asset, list[FilePart]]:
+def _read(path: Path) -> tuple[MeshAsset, list[FilePart]]:
     """Return what a mesh file states, and its parts with triangles, their places applied."""
-    check_size(path)
-    asset = Asset()
+    check_mesh_file_size(path)
+    asset = MeshAsset()
     try:
         match path.suffix.lower():
             case ".obj":
@@ -238,7 +238,7 @@ def _read(path: Path) -> tuple[Asset, list[FilePart]]:
         raise
     except Exception as error:
         # A damaged file may have anything anywhere, and readers behind trimesh raise any exception.
-        why = damage(path) or "it is damaged, or its format does not match its suffix"
+        why = mesh_file_damage(path) or "it is damaged, or its format does not match its suffix"
         raise MeshFileError(f"cannot be read as a mesh: {why}") from error
     if sum(len(part.faces) for part in parts) > MAX_FACES:
         raise MeshFileError(f"it has more than {MAX_FACES} faces")
@@ -282,9 +282,9 @@ def _check_looks(part: FilePart) -> None:
             raise MeshFileError("its colours do not fit its points or faces, or are not finite")
 
 
-def _convert(part: FilePart, turn: FloatArray, painter: Painter) -> Mesh:
+def _convert(part: FilePart, turn: FloatArray, painter: LookPainter) -> Mesh:
     """Return a part of a mesh file in FRD metres, with what the renderer draws of its look."""
     vertices = part.vertices @ turn.T
     uv, face_material, materials = painter.paint(part)
-    old, normals, faces = smoothed(vertices, uv, np.ascontiguousarray(part.faces, np.int32))
+    old, normals, faces = smoothed_mesh(vertices, uv, np.ascontiguousarray(part.faces, np.int32))
     return Mesh(vertices[old], normals, uv[old], faces, face_material, materials)

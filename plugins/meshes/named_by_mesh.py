@@ -5,7 +5,7 @@ from pathlib import Path
 
 from wil_campaign.foundation.files.limits import MAX_MESH_BYTES
 from wil_campaign.plugins.meshes.beside import file_beside, image_beside
-from wil_campaign.plugins.meshes.formats.collada_materials import path_of
+from wil_campaign.plugins.meshes.formats.collada_materials import path_of_image
 from wil_campaign.plugins.meshes.formats.gltf_file import open_gltf
 from wil_campaign.plugins.meshes.formats.obj_file import libraries_named
 from wil_campaign.plugins.meshes.formats.obj_materials import images_of
@@ -35,7 +35,7 @@ def _named(path: Path) -> Iterator[Path]:
                 yield from images_of(library)
         case ".dae":
             for image in open_collada(path).iterfind(".//{*}image"):
-                yield from _there(path.parent, path_of(image))
+                yield from _there(path.parent, path_of_image(image))
         case ".gltf" | ".glb":
             document = open_gltf(path).document
             for part in (*document.get("buffers", ()), *document.get("images", ())):

@@ -16,7 +16,7 @@ _STEPS = 4096.0
 _Indices = NDArray[np.intp]
 
 
-def smoothed(
+def smoothed_mesh(
     vertices_m: FloatArray, uv: FloatArray, faces: IntArray
 ) -> tuple[_Indices, FloatArray, IntArray]:
     """Return vertices with smooth normals: old vertex, normal, and the new faces.

@@ -12,12 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wil_campaign.recipes.working import CannotMixError
-from wil_campaign.vehicles.readings import MicrophoneReading, end_s, samples_from_pressure
+from wil_campaign.vehicles.readings import MicrophoneReading, reading_end_s, samples_from_pressure
 
 Sound = NDArray[np.float64]
 
 
-def low_pass(cutoff: float, taps: int) -> Sound:
+def low_pass_kernel(cutoff: float, taps: int) -> Sound:
     """Return the FIR low-pass kernel for audio; cutoff: of the sample rate, 0 to 0.5.
 
     taps: odd. Its sum is 1.
@@ -32,8 +32,8 @@ def band_pass_kernel(low: float, high: float, taps: int) -> Sound:
 
     low 0 passes all below `high`; high 0.5 all above `low`.
     """
-    kernel = low_pass(high, taps) if high < 0.5 else _all(taps)
-    return kernel if low <= 0.0 else kernel - low_pass(low, taps)
+    kernel = low_pass_kernel(high, taps) if high < 0.5 else _all(taps)
+    return kernel if low <= 0.0 else kernel - low_pass_kernel(low, taps)
 
 
 def _all(taps: int) -> Sound:
@@ -43,7 +43,7 @@ def _all(taps: int) -> Sound:
     return kernel
 
 
-class Filter:
+class AudioFilter:
     """An FIR filter over consecutive audio blocks; restarts from silence after a gap.
 
     The output has the length of the input, and the time at which it sounded: earlier by half of
@@ -97,13 +97,13 @@ class SoundLine:
         if self._blocks and block.sample_rate_hz != self._blocks[-1].sample_rate_hz:
             self._blocks.clear()
         self._blocks.append(self._joined(block) if self._is_steady else block)
-        while end_s(self._blocks[0]) < block.t_s - _HELD_S:
+        while reading_end_s(self._blocks[0]) < block.t_s - _HELD_S:
             self._blocks.popleft()
 
     def _joined(self, block: MicrophoneReading) -> MicrophoneReading:
         """Return an audio block at the end of the line where it follows; as it is at a hole."""
         sample_s = 1.0 / block.sample_rate_hz
-        late_s = block.t_s - end_s(self._blocks[-1]) if self._blocks else 0.0
+        late_s = block.t_s - reading_end_s(self._blocks[-1]) if self._blocks else 0.0
         if not _JITTER_SAMPLES * sample_s < abs(late_s) < min(_JITTER_S, block.duration_s / 2.0):
             return block
         return replace(block, t_s=block.t_s - late_s + math.copysign(sample_s, late_s))
@@ -116,7 +116,7 @@ class SoundLine:
         is not known.
         """
         rate = self._blocks[-1].sample_rate_hz
-        count = _index(end_s(real), rate) - _index(real.t_s, rate)
+        count = _index(reading_end_s(real), rate) - _index(real.t_s, rate)
         samples = samples_from_pressure(self.sound_from(real.t_s, count), like.full_scale_pa)
         return replace(like, t_s=real.t_s, sample_rate_hz=rate, samples=samples)
 

@@ -16,15 +16,15 @@ from pydantic import Field, model_validator
 from wil_campaign.foundation.files.documents import KeyFaultError
 from wil_campaign.plugins.microphone.audio import SoundLine
 from wil_campaign.vehicles.readings import MicrophoneReading, Source, samples_from_pressure
-from wil_campaign.vehicles.readings.faults import Fault, array_fault
+from wil_campaign.vehicles.readings.faults import ReadingFault, array_fault
 from wil_campaign.vehicles.readings.messages import (
     BASE64,
     INTEGER,
     STRING,
     Json,
-    bytes_of,
-    number,
-    stamped,
+    bytes_from_base64,
+    number_from_json,
+    stamped_message_schema,
 )
 from wil_campaign.vehicles.readings.traits import Encoded, Parts, ReadingTraits
 from wil_campaign.vehicles.sensors.noise_sets import NoiseSets
@@ -37,7 +37,7 @@ REFERENCE_PA = 20.0e-6
 Sound = NDArray[np.float32]
 
 
-def pressure_of(level_db: float) -> float:
+def pressure_of_level(level_db: float) -> float:
     """Return the RMS pressure in pascals of a sound pressure level at the microphone."""
     return float(REFERENCE_PA * 10.0 ** (level_db / 20.0))
 
@@ -72,7 +72,7 @@ class MicrophoneNoise:
 
     ambient_level_db: float = 40.0
     self_noise_db: float = 94.0 - 65.0
-    full_scale_pa: float = pressure_of(120.0) * math.sqrt(2.0)
+    full_scale_pa: float = pressure_of_level(120.0) * math.sqrt(2.0)
 
 
 QUIET = MicrophoneNoise(ambient_level_db=-math.inf, self_noise_db=-math.inf)
@@ -113,7 +113,8 @@ class MicrophoneSensor:
         """Return the microphone's block that ends at t_s; rotor speeds change within."""
         pressure = self._rotor_pressure(np.array(truth.motor_speeds_rad_s), rng)
         around = math.hypot(
-            pressure_of(self._noise.ambient_level_db), pressure_of(self._noise.self_noise_db)
+            pressure_of_level(self._noise.ambient_level_db),
+            pressure_of_level(self._noise.self_noise_db),
         )
         if around > 0.0:
             pressure += np.float32(around) * rng.standard_normal(self._block, dtype=np.float32)
@@ -142,7 +143,7 @@ class MicrophoneSensor:
         self._angles = angles[:, -1] % (2.0 * math.pi)
         self._speeds = speeds
         tones = self._tones(angles, speeds)
-        air = pressure_of(self._rotors.hover_level_db + self._rotors.broadband_db)
+        air = pressure_of_level(self._rotors.hover_level_db + self._rotors.broadband_db)
         hiss = rng.standard_normal(self._block, dtype=np.float32)
         mean = loudness.mean(axis=0).astype(np.float32)
         pressure: Sound = (loudness * tones).sum(axis=0).astype(np.float32)
@@ -165,7 +166,7 @@ def _tone_weights(sound: RotorSound) -> tuple[float, ...]:
     """Return the amplitude (Pa) of each harmonic of a rotor at the microphone, loudest first."""
     relative = [10.0 ** (-sound.fall_db * h / 20.0) for h in range(sound.harmonics)]
     power = sum(weight * weight for weight in relative) * sound.rotors / 2.0
-    scale = pressure_of(sound.hover_level_db) / math.sqrt(power)
+    scale = pressure_of_level(sound.hover_level_db) / math.sqrt(power)
     return tuple(scale * weight for weight in relative)
 
 
@@ -201,16 +202,16 @@ def _model(options: MicrophoneOptions, site: SensorSite) -> MicrophoneSensor:
     )
 
 
-def _fault(reading: MicrophoneReading) -> Fault | None:
+def _fault(reading: MicrophoneReading) -> ReadingFault | None:
     """Check a microphone reading; return its fault or None."""
     fault = array_fault(reading.samples, (None,), np.int16, "sound")
     if fault is not None:
         return fault
     if len(reading.samples) == 0:
-        return Fault("empty", "the block of sound has no samples")
+        return ReadingFault("empty", "the block of sound has no samples")
     if reading.sample_rate_hz < 1 or not 0.0 < reading.full_scale_pa < math.inf:
         scale = f"{reading.sample_rate_hz} Hz, full scale {reading.full_scale_pa} Pa"
-        return Fault("out_of_range", f"sound at {scale}")
+        return ReadingFault("out_of_range", f"sound at {scale}")
     return None
 
 
@@ -227,9 +228,9 @@ def _encode(reading: MicrophoneReading) -> Encoded:
 
 def _decode(document: Json, _: Parts) -> dict[str, Any]:
     return {
-        "samples": np.frombuffer(bytes_of(document["data"]), "<i2"),
+        "samples": np.frombuffer(bytes_from_base64(document["data"]), "<i2"),
         "sample_rate_hz": document["sample_rate"],
-        "full_scale_pa": number(document["wil"]["full_scale_pa"]),
+        "full_scale_pa": number_from_json(document["wil"]["full_scale_pa"]),
     }
 
 
@@ -240,7 +241,7 @@ def _rms_pa(reading: MicrophoneReading) -> float:
 
 _TRAITS = ReadingTraits(
     fault=_fault,
-    schema=stamped(
+    schema=stamped_message_schema(
         "foxglove.RawAudio",
         data=BASE64,
         format=STRING,

@@ -6,8 +6,13 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field, field_validator, model_validator
 
-from wil_campaign.plugins.microphone.audio import Filter, SoundLine, band_pass_kernel, low_pass
-from wil_campaign.recipes.model.registry import Context, SidedParameters, StepParameters, step
+from wil_campaign.plugins.microphone.audio import (
+    AudioFilter,
+    SoundLine,
+    band_pass_kernel,
+    low_pass_kernel,
+)
+from wil_campaign.recipes.model.registry import SidedParameters, StepContext, StepParameters, step
 from wil_campaign.recipes.working import (
     SIDES,
     AnyMasked,
@@ -52,14 +57,14 @@ class BandPassParameters(SidedParameters):
 
 
 @step("band_pass", stage="filter", sensors=("microphone",), parameters=BandPassParameters)
-def band_pass(parameters: BandPassParameters, context: Context) -> Operator:  # noqa: ARG001 - the interface of steps
+def band_pass(parameters: BandPassParameters, context: StepContext) -> Operator:  # noqa: ARG001 - the interface of steps
     """Keep the frequencies of a band, such as those of human speech, 300 to 3400 Hz.
 
     samples (samples,) int16 of a block to as many; t_s moves back by half of the filter's length,
     to the time at which the samples sounded. Consecutive blocks join without a click.
     """
     p = parameters
-    filters: dict[int, Filter] = {}
+    filters: dict[int, AudioFilter] = {}
 
     def operator(work: Work, other: AnyMasked | None) -> Work:  # noqa: ARG001 - the interface
         rate = work.reading.sample_rate_hz
@@ -69,7 +74,7 @@ def band_pass(parameters: BandPassParameters, context: Context) -> Operator:  # 
             if low >= 0.5:
                 message = f"band_pass: {p.low_hz} Hz is beyond sound of {rate} Hz"
                 raise CannotMixError("mismatch", message)
-            filters[rate] = Filter(band_pass_kernel(low, high, p.taps))
+            filters[rate] = AudioFilter(band_pass_kernel(low, high, p.taps))
         return Masked(filters[rate].filtered(work.reading), work.mask)
 
     return operator
@@ -84,14 +89,14 @@ class DecimateSoundParameters(SidedParameters):
 
 
 @step("decimate_sound", stage="filter", sensors=("microphone",), parameters=DecimateSoundParameters)
-def decimate_sound(parameters: DecimateSoundParameters, context: Context) -> Operator:  # noqa: ARG001 - the interface of steps
+def decimate_sound(parameters: DecimateSoundParameters, context: StepContext) -> Operator:  # noqa: ARG001 - the interface of steps
     """Lower the sample rate by a whole factor, without aliasing.
 
     samples (n,) int16 to (n / every,), rounded up. A rate that the factor does not divide is a
     mismatch.
     """
     every = parameters.every
-    smooth = Filter(low_pass(0.45 / every, 32 * every + 1))
+    smooth = AudioFilter(low_pass_kernel(0.45 / every, 32 * every + 1))
 
     def operator(work: Work, other: AnyMasked | None) -> Work:  # noqa: ARG001 - the interface
         block = work.reading
@@ -113,7 +118,7 @@ class AddParameters(StepParameters):
 
 
 @step("add", stage="merge", sensors=("microphone",), parameters=AddParameters)
-def add(parameters: AddParameters, context: Context) -> Merge:  # noqa: ARG001 - the interface of steps
+def add(parameters: AddParameters, context: StepContext) -> Merge:  # noqa: ARG001 - the interface of steps
     """Add the sounds of both sides, in pascals, each at the time at which it sounded.
 
     samples (samples,) int16 as many as of the real block, at its full scale, cut off where they

@@ -7,7 +7,7 @@ from typing import Self
 import zmq
 
 from wil_campaign.campaigns.values.external_setups import MocapSetup
-from wil_campaign.plugins.mocap.motion_capture import MotionCapture
+from wil_campaign.plugins.mocap.motion_capture import CaptureDecoder
 from wil_campaign.vehicles.readings import PoseReading, Source
 from wil_campaign.vehicles.sources.camera_source import SourceError
 
@@ -35,9 +35,9 @@ def zmq_capture(setups: Mapping[Source, MocapSetup], deliver: Deliver) -> "ZmqCa
     )
 
 
-def _capture(setups: Mapping[Source, MocapSetup]) -> MotionCapture:
+def _capture(setups: Mapping[Source, MocapSetup]) -> CaptureDecoder:
     """Return what reads the messages of some vehicles' bodies."""
-    return MotionCapture(
+    return CaptureDecoder(
         bodies={setup.body: vehicle for vehicle, setup in setups.items()},
         latency_s=next(iter(setups.values())).latency_s,
     )
@@ -53,7 +53,7 @@ class UdpCapture(asyncio.DatagramProtocol):
     """
 
     def __init__(
-        self, *, host: str, port: int, capture: MotionCapture, deliver: Deliver, sender: str = ""
+        self, *, host: str, port: int, capture: CaptureDecoder, deliver: Deliver, sender: str = ""
     ) -> None:
         self.name = f"motion capture on UDP {host}:{port}"
         self._address = (host, port)
@@ -136,7 +136,7 @@ class ZmqCapture:
     """
 
     def __init__(
-        self, *, address: str, capture: MotionCapture, deliver: Deliver, topic: bytes = b""
+        self, *, address: str, capture: CaptureDecoder, deliver: Deliver, topic: bytes = b""
     ) -> None:
         self.name = f"motion capture at {address}"
         self._address = address

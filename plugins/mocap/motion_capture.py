@@ -8,7 +8,7 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from wil_campaign.plugins.readings.messagepack import BadMessageError, Header
+from wil_campaign.plugins.readings.messagepack import BadMessageError, MessageHeader
 from wil_campaign.vehicles.readings import PoseReading, Source
 from wil_campaign.vehicles.sources.arrival_clock import ArrivalClock
 from wil_campaign.vehicles.sources.feed_statistics import FeedMeter, FeedStatistics
@@ -64,7 +64,7 @@ def pose_from_enu(position_enu_m: Vec3, q_enu_from_flu: Quat) -> Pose:
     return Pose(ned_from_enu(position_enu_m), turned)
 
 
-class MotionCapture:
+class CaptureDecoder:
     """Turns motion capture messages into readings of requested bodies, with statistics.
 
     bodies: name in the capture system to vehicle. latency_s: sampling to arrival of the quickest
@@ -149,16 +149,16 @@ class MotionCapture:
         )
 
 
-def _header(data: bytes | memoryview) -> Header:
+def _header(data: bytes | memoryview) -> MessageHeader:
     if bytes(data[:1]) != b"{":
-        return Header.unpack(data)
+        return MessageHeader.unpack(data)
     try:
-        return Header.of(json.loads(bytes(data)))
+        return MessageHeader.of(json.loads(bytes(data)))
     except (ValueError, RecursionError) as error:
         raise BadMessageError(f"the message is not JSON: {error}") from error
 
 
-def _body(header: Header, *, is_enu: bool) -> BodyPose:
+def _body(header: MessageHeader, *, is_enu: bool) -> BodyPose:
     """Return the captured body in a part of a motion capture message."""
     name = header.text("name")
     if not header.flag("valid", default=True):

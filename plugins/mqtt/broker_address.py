@@ -28,7 +28,7 @@ class BrokerAddress:
         return f"{scheme}{host}:{self.port}"
 
 
-def parse_broker(text: str) -> BrokerAddress:
+def parse_broker_address(text: str) -> BrokerAddress:
     """Return the MQTT broker address in a text. Raises BrokerAddressError."""
     name, _, port = text.partition(":")
     if name == "embedded":

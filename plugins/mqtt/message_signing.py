@@ -34,7 +34,7 @@ def command_key(token: str) -> bytes:
     return token.encode()
 
 
-def signed(topic: str, body: bytes, key: bytes) -> bytes:
+def signed_message(topic: str, body: bytes, key: bytes) -> bytes:
     """Return a non-empty JSON object with its signature added as the last member."""
     signature = hmac.digest(key, _covered(topic, body), "sha256").hex()
     return body[:-1] + b', "signature": "' + signature.encode() + b'"}'
@@ -42,10 +42,12 @@ def signed(topic: str, body: bytes, key: bytes) -> bytes:
 
 def signed_command(topic: str, fields: Mapping[str, Any], token: str) -> bytes:
     """Return a signed command, ready to publish."""
-    return signed(topic, json.dumps(fields, ensure_ascii=False).encode(), command_key(token))
+    return signed_message(
+        topic, json.dumps(fields, ensure_ascii=False).encode(), command_key(token)
+    )
 
 
-def verified(topic: str, payload: bytes, key: bytes) -> bytes:
+def verified_message(topic: str, payload: bytes, key: bytes) -> bytes:
     """Return the signed object without its signature. Raises SignatureError."""
     begin = max(0, len(payload) - _SEARCHED_BYTES)
     match = _SIGNATURE.search(payload, begin)

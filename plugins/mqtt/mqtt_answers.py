@@ -4,11 +4,15 @@ import asyncio
 from collections.abc import Callable, Mapping
 from typing import Protocol
 
-from wil_campaign.orchestrator.operator.acknowledgements import WITHIN_S, Acknowledged, runs_text
+from wil_campaign.orchestrator.operator.acknowledgements import (
+    WITHIN_S,
+    AcknowledgedRuns,
+    runs_with_places_text,
+)
 from wil_campaign.safety.guard.core.operator_command import OperatorCommand
 
 
-class Answer(Protocol):
+class PublishAnswer(Protocol):
     """Publishes an answer to a command (protocol)."""
 
     def __call__(self, command: OperatorCommand, *, ok: bool, text: str, final: bool) -> None:
@@ -22,7 +26,9 @@ class CommandAnswers:
     command comes first, the awaited answer becomes final at once.
     """
 
-    def __init__(self, *, acknowledged: Callable[[], Acknowledged | None], answer: Answer) -> None:
+    def __init__(
+        self, *, acknowledged: Callable[[], AcknowledgedRuns | None], answer: PublishAnswer
+    ) -> None:
         self._acknowledged = acknowledged
         self._answer = answer
         self._awaited: OperatorCommand | None = None
@@ -65,7 +71,7 @@ class CommandAnswers:
     def _end_late(self) -> None:
         newest = self._acknowledged()
         if newest is not None:
-            missing = runs_text(newest.waiting)
+            missing = runs_with_places_text(newest.waiting)
             self._end(ok=False, text=f"not acknowledged within {WITHIN_S:g} s by {missing}")
 
     def _end(self, *, ok: bool, text: str) -> None:
@@ -76,4 +82,4 @@ class CommandAnswers:
 
 
 def _by_text(by: Mapping[str, str]) -> str:
-    return f"acknowledged by {runs_text(by)}" if by else "all runs in flight have ended"
+    return f"acknowledged by {runs_with_places_text(by)}" if by else "all runs in flight have ended"

@@ -12,7 +12,7 @@ from wil_campaign.orchestrator.operator.campaign_controller import CampaignContr
 from wil_campaign.orchestrator.operator.errors import OperatingError
 from wil_campaign.plugins.mqtt.broker_access import CAMPAIGN, BrokerAccess
 from wil_campaign.plugins.mqtt.embedded_broker import embedded_broker
-from wil_campaign.plugins.mqtt.mqtt_operator import MqttSecrets, mqtt_operating
+from wil_campaign.plugins.mqtt.mqtt_operator import MqttSecrets, connected_mqtt_operator
 from wil_campaign.plugins.mqtt.mqtt_setup import MqttSetup
 from wil_campaign.safety.guard.operator.operator_socket import write_private
 
@@ -41,7 +41,7 @@ async def open_mqtt(controller: CampaignController, mqtt: MqttSetup) -> AsyncIte
             await stack.enter_async_context(embedded_broker(mqtt.broker, access))
         _write_access(controller, mqtt, access)
         secrets_ = MqttSecrets(token=token, password=password)
-        await stack.enter_async_context(mqtt_operating(mqtt, secrets_, controller))
+        await stack.enter_async_context(connected_mqtt_operator(mqtt, secrets_, controller))
         yield
 
 

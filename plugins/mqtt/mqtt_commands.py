@@ -18,9 +18,12 @@ from collections.abc import Callable, Collection
 from typing import Any, cast, get_args
 
 from wil_campaign.foundation.files.problems import is_encodable
-from wil_campaign.plugins.mqtt.message_signing import SignatureError, command_key, verified
+from wil_campaign.plugins.mqtt.message_signing import SignatureError, command_key, verified_message
 from wil_campaign.safety.guard.core.operator_command import OperatorCommand, OperatorKind
-from wil_campaign.safety.guard.operator.operator_lines import RefusedLineError, checked_who
+from wil_campaign.safety.guard.operator.operator_lines import (
+    RefusedLineError,
+    checked_operator_name,
+)
 
 LONGEST_COMMAND_BYTES = 1 << 16
 OLDEST_S = 5.0
@@ -71,7 +74,7 @@ class CommandReader:
                 f"id must be a text of 1 to {_LONGEST_ID} printable characters"
             )
         try:
-            who = checked_who(fields.get("who", "operator"))
+            who = checked_operator_name(fields.get("who", "operator"))
         except RefusedLineError as error:
             raise RefusedCommandError(str(error), command_id=command_id) from error
         reason = self._refusal(kind, fields, retained=retained, now_s=now_s)
@@ -102,7 +105,7 @@ class CommandReader:
         if self._key is None:
             return fields
         try:
-            body = verified(f"{self._base}/operator/{kind}", payload, self._key)
+            body = verified_message(f"{self._base}/operator/{kind}", payload, self._key)
         except SignatureError as error:
             raise RefusedCommandError(str(error), command_id=_id(fields)) from error
         # Only the signed bytes: a parser may read more into the whole message.

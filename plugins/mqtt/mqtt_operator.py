@@ -14,29 +14,29 @@ import aiomqtt
 
 from wil_campaign.foundation.tasks import (
     FAULTS,
-    Contained,
-    asked_to_end,
-    end_if_asked,
-    leaves,
-    report,
-    start,
-    stop,
+    SuppressedErrors,
+    is_task_cancellation,
+    leaf_errors,
+    raise_if_task_cancelled,
+    report_task_error,
+    start_task,
+    stop_tasks,
 )
 from wil_campaign.orchestrator.operator.campaign_controller import CampaignController
 from wil_campaign.orchestrator.operator.errors import OperatingError
 from wil_campaign.orchestrator.operator.run_messages import News
 from wil_campaign.orchestrator.run_results.run_result import RunResult
-from wil_campaign.plugins.mqtt.message_signing import signed, status_key
+from wil_campaign.plugins.mqtt.message_signing import signed_message, status_key
 from wil_campaign.plugins.mqtt.mqtt_answers import CommandAnswers
 from wil_campaign.plugins.mqtt.mqtt_commands import CommandReader, RefusedCommandError
 from wil_campaign.plugins.mqtt.mqtt_reports import (
-    ack_of,
-    publications,
-    status_of,
-    verdict_of,
+    acknowledgement_publication,
+    publications_of_news,
+    status_publication,
+    verdict_publication,
 )
 from wil_campaign.plugins.mqtt.mqtt_setup import MqttSetup
-from wil_campaign.plugins.mqtt.outbox import Outbox
+from wil_campaign.plugins.mqtt.outbox import PublicationOutbox
 from wil_campaign.safety.guard.core.operator_command import OperatorCommand
 from wil_campaign.safety.guard.operator.operator_lines import RefusedLineError
 from wil_campaign.safety.guard.operator.rate_limit import RateLimit
@@ -72,7 +72,7 @@ class MqttSecrets:
 
 
 @asynccontextmanager
-async def mqtt_operating(
+async def connected_mqtt_operator(
     setup: MqttSetup, secrets_: MqttSecrets, controller: CampaignController
 ) -> AsyncIterator[None]:
     """Connect a campaign controller to an MQTT broker for the context's duration.
@@ -81,14 +81,14 @@ async def mqtt_operating(
     again.
     """
     client = MqttOperator(setup=setup, secrets_=secrets_, controller=controller)
-    running = start(client.run(), name="mqtt")
+    running = start_task(client.run(), name="mqtt")
     try:
         await client.first_connection(running)
         yield
         await client.finish()
     finally:
         try:
-            await stop(running)
+            await stop_tasks(running)
         finally:
             client.close()
 
@@ -121,7 +121,7 @@ class MqttOperator:
             flying=lambda: controller.flying,
         )
         self._status_key = None if secrets_.token is None else status_key(secrets_.token)
-        self._outbox = Outbox()
+        self._outbox = PublicationOutbox()
         self._first: asyncio.Future[None] = asyncio.get_running_loop().create_future()
         self._loss_timer: asyncio.TimerHandle | None = None
         self._connected = False
@@ -149,13 +149,13 @@ class MqttOperator:
         wait_s = _FIRST_WAIT_S
         while True:
             # A task for each: in Python 3.11 one whose TaskGroup failed counts as cancelled after.
-            why = await start(self._connection(), name="mqtt connection")
-            end_if_asked()
+            why = await start_task(self._connection(), name="mqtt connection")
+            raise_if_task_cancelled()
             if not self._first.done():
                 self._first.set_exception(self._unreachable(why))
                 return
             wait_s = _FIRST_WAIT_S if self._connected else min(2.0 * wait_s, _LONGEST_WAIT_S)
-            with Contained("mqtt"):
+            with SuppressedErrors("mqtt"):
                 self._disconnected(why)
             await asyncio.sleep(wait_s * (0.5 + 0.5 * self._jitter()))
 
@@ -167,17 +167,19 @@ class MqttOperator:
         try:
             await self._keep_connected()
         except (*FAULTS, BaseExceptionGroup) as error:
-            if asked_to_end(error):
+            if is_task_cancellation(error):
                 raise
-            bugs = [leave for leave in leaves(error) if not isinstance(leave, _CONNECTION_ERRORS)]
+            bugs = [
+                leave for leave in leaf_errors(error) if not isinstance(leave, _CONNECTION_ERRORS)
+            ]
             for base_exception in bugs if self._first.done() else ():
-                report(base_exception, "mqtt")
+                report_task_error(base_exception, "mqtt")
             return _error_text(error)
         return "the connection ended"
 
     async def finish(self) -> None:
         """Publish the last status, and wait a moment for pending MQTT messages."""
-        self._outbox.put(status_of(self._controller.summary("ended")))
+        self._outbox.put(status_publication(self._controller.summary("ended")))
         deadline_s = asyncio.get_running_loop().time() + _FLUSH_S
         while self._connected and asyncio.get_running_loop().time() < deadline_s:
             if self._outbox.empty:
@@ -194,22 +196,22 @@ class MqttOperator:
 
     def news(self, news: News) -> None:
         """Publish a run's news by MQTT."""
-        for publication in publications(news):
+        for publication in publications_of_news(news):
             self._outbox.put(publication)
         self._answers.update()
 
     def finished(self, result: RunResult) -> None:
         """Publish a verdict by MQTT."""
-        self._outbox.put(verdict_of(result))
+        self._outbox.put(verdict_publication(result))
         self._answers.update()
 
     def status(self) -> None:
         """Publish the campaign's status by MQTT."""
         self._answers.update()
-        self._outbox.put(status_of(self._controller.summary(self._controller.state)))
+        self._outbox.put(status_publication(self._controller.summary(self._controller.state)))
 
     async def _keep_connected(self) -> None:
-        will = status_of({"state": "lost", "session": self._controller.session})
+        will = status_publication({"state": "lost", "session": self._controller.session})
         will_topic = f"{self._base}/{will.topic}"
         client = aiomqtt.Client(
             self._setup.broker.host,
@@ -224,7 +226,7 @@ class MqttOperator:
         )
         async with client:
             await client.subscribe(f"{self._base}/operator/+", qos=1)
-            end_if_asked()
+            raise_if_task_cancelled()
             self._reconnected()
             async with asyncio.TaskGroup() as group:
                 group.create_task(self._publish(client), name="mqtt out")
@@ -246,7 +248,7 @@ class MqttOperator:
         if self._status_key is None:
             return payload
         at = f', "at": {round(self._utc(), 3)}}}'
-        return signed(topic, payload[:-1] + at.encode(), self._status_key)
+        return signed_message(topic, payload[:-1] + at.encode(), self._status_key)
 
     async def _publish(self, client: aiomqtt.Client) -> None:
         while True:
@@ -264,7 +266,7 @@ class MqttOperator:
                 # Cancelled also when the connection was lost before the broker answered.
                 self._outbox.put_back(publication)
                 raise
-            end_if_asked()
+            raise_if_task_cancelled()
 
     async def _receive_commands(self, client: aiomqtt.Client) -> None:
         with _connected():
@@ -302,7 +304,7 @@ class MqttOperator:
         self._answer(id=number, command=kind, ok=ok, text=text, who=who, final=final)
 
     def _answer(self, **fields: str | bool) -> None:
-        self._outbox.put(ack_of(session=self._controller.session, **fields))
+        self._outbox.put(acknowledgement_publication(session=self._controller.session, **fields))
 
     def _reconnected(self) -> None:
         if self._first.done():
@@ -345,5 +347,5 @@ class MqttOperator:
 
 def _error_text(error: BaseException) -> str:
     """Return the text of an MQTT connection error, without the source line of OpenSSL."""
-    error = leaves(error)[0]
+    error = leaf_errors(error)[0]
     return _OF_OPENSSL.sub("", str(error)) or type(error).__name__

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from typing import Any
 
 from wil_campaign.orchestrator.operator.run_messages import (
-    Happening,
     News,
-    Progress,
+    RunEventReport,
+    RunProgressReport,
     VehicleProgress,
 )
 from wil_campaign.orchestrator.run_results.run_result import RunResult
@@ -25,9 +25,9 @@ class Publication:
     retain: bool = False
 
 
-def publications(news: News) -> Iterator[Publication]:
+def publications_of_news(news: News) -> Iterator[Publication]:
     """Yield the MQTT messages that report a run's news."""
-    if isinstance(news, Progress):
+    if isinstance(news, RunProgressReport):
         yield _publication("run", {"run": news.run, **_progress_fields(news)})
         for vehicle in news.vehicles:
             yield _publication(
@@ -47,7 +47,7 @@ def publications(news: News) -> Iterator[Publication]:
         case "guard":
             yield _guard_report(common, news)
         case "answer":
-            yield ack_of(
+            yield acknowledgement_publication(
                 id=news.command_id,
                 command="geofence",
                 ok=news.word == "ok",
@@ -58,7 +58,7 @@ def publications(news: News) -> Iterator[Publication]:
             )
 
 
-def verdict_of(result: RunResult) -> Publication:
+def verdict_publication(result: RunResult) -> Publication:
     """Return the MQTT report of a run's final verdict."""
     return _publication(
         "verdict",
@@ -73,22 +73,22 @@ def verdict_of(result: RunResult) -> Publication:
     )
 
 
-def status_of(status: dict[str, Any]) -> Publication:
+def status_publication(status: dict[str, Any]) -> Publication:
     """Return the MQTT report of the campaign's status, retained for later subscribers."""
     return _publication("status", status, important=True, retain=True)
 
 
-def ack_of(**fields: str | bool) -> Publication:
+def acknowledgement_publication(**fields: str | bool) -> Publication:
     """Return the MQTT reply to a command."""
     return _publication("operator/ack", fields, important=True)
 
 
-def _guard_report(common: dict[str, Any], news: Happening) -> Publication:
+def _guard_report(common: dict[str, Any], news: RunEventReport) -> Publication:
     body = {**common, "event": news.word, "vehicle": news.vehicle, "text": news.text}
     return _publication("guard", body, important=True)
 
 
-def _progress_fields(news: Progress) -> dict[str, Any]:
+def _progress_fields(news: RunProgressReport) -> dict[str, Any]:
     return {
         "t_s": round(news.t_s, 3),
         "stage": news.stage,

@@ -14,7 +14,7 @@ from wil_campaign.foundation.files.paths import is_file
 from wil_campaign.plugins.mqtt.broker_address import (
     BrokerAddress,
     BrokerAddressError,
-    parse_broker,
+    parse_broker_address,
 )
 
 
@@ -44,7 +44,7 @@ class MqttSetup:
 def _is_broker(text: str) -> str:
     """Refuse the operator's MQTT broker address of the wrong form."""
     try:
-        parse_broker(text)
+        parse_broker_address(text)
     except BrokerAddressError as error:
         raise ValueError(str(error)) from error
     return text
@@ -94,7 +94,7 @@ class MqttPart(ChannelPart):
     @model_validator(mode="after")
     def _fits_together(self) -> Self:
         """Require consistent TLS keys of the operator's MQTT broker."""
-        tls = parse_broker(self.broker).tls
+        tls = parse_broker_address(self.broker).tls
         for key in ("ca_file", "cert_file", "key_file"):
             if getattr(self, key) is not None and not tls:
                 raise KeyFaultError(key, "is for TLS: write the broker as mqtts://")
@@ -106,7 +106,7 @@ class MqttPart(ChannelPart):
 
     def setup(self, file: Document, operator: OperatorPart, problems: list[Problem]) -> MqttSetup:
         """Return the setup of the operators' broker; missing files are noted."""
-        broker = parse_broker(self.broker)
+        broker = parse_broker_address(self.broker)
         files = {
             key: _file(file, key, getattr(self, key), problems)
             for key in ("ca_file", "cert_file", "key_file")

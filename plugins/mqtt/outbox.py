@@ -9,7 +9,7 @@ _MOST_IMPORTANT = 10_000
 _LEAST_BETWEEN_S = 0.2
 
 
-class Outbox:
+class PublicationOutbox:
     """The outbox of MQTT publications; never blocks a writer. dropped: how many found it full.
 
     Of unimportant publications only the newest of each topic is kept, and it is taken at most

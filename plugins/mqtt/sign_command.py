@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal
 from cyclopts import Parameter
 
 from wil_campaign.orchestrator.cli.commands.operate import account
-from wil_campaign.orchestrator.cli.standard_streams import err, out
+from wil_campaign.orchestrator.cli.standard_streams import write_stderr, write_stdout
 from wil_campaign.plugins.mqtt.message_signing import signed_command
 from wil_campaign.plugins.mqtt.mqtt_channel import ACCESS, TOKEN
 
@@ -59,14 +59,14 @@ def sign(
         if fence is not None:
             fields["geofence"] = fence.read_text("utf-8")
     except (OSError, ValueError, KeyError, TypeError) as error:
-        err(f"{folder}: no command can be signed: {error}")
+        write_stderr(f"{folder}: no command can be signed: {error}")
         return 2
     if not token:
-        err(f"the variable {token_env} is not set")
+        write_stderr(f"the variable {token_env} is not set")
         return 2
     fields |= {"reason": reason} if reason else {}
     fields |= {"run": run} if run is not None else {}
-    out(signed_command(topic, fields, token).decode())
+    write_stdout(signed_command(topic, fields, token).decode())
     return 0
 
 

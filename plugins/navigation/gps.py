@@ -8,15 +8,15 @@ import numpy as np
 
 from wil_campaign.plugins.navigation.gauss_markov import GaussMarkovWalk
 from wil_campaign.vehicles.readings import GpsReading, Source
-from wil_campaign.vehicles.readings.faults import Fault, are_finite
+from wil_campaign.vehicles.readings.faults import ReadingFault, are_reading_numbers_finite
 from wil_campaign.vehicles.readings.messages import (
     INTEGER,
     NUMBER,
     Json,
-    number,
+    number_from_json,
     schema_of_array,
-    stamped,
-    vector,
+    stamped_message_schema,
+    vector_from_json,
 )
 from wil_campaign.vehicles.readings.traits import Encoded, Parts, ReadingTraits
 from wil_campaign.vehicles.sensors.noise_sets import NoiseSets
@@ -129,17 +129,19 @@ def _model(options: GpsOptions, site: SensorSite) -> GpsSensor:
     return GpsSensor(source=site.side, frame=site.frame, noise=noise, timing=timing)
 
 
-def _fault(reading: GpsReading) -> Fault | None:
+def _fault(reading: GpsReading) -> ReadingFault | None:
     """Check a GPS reading; return its fault or None."""
     r = reading
     numbers = (r.latitude_deg, r.longitude_deg, r.altitude_m, *r.velocity_ned_m_s)
     accuracies = (r.horizontal_accuracy_m, r.vertical_accuracy_m)
-    if not are_finite((*numbers, *accuracies)):
-        return Fault("not_finite", f"a fix of {numbers}, accuracies {accuracies}")
+    if not are_reading_numbers_finite((*numbers, *accuracies)):
+        return ReadingFault("not_finite", f"a fix of {numbers}, accuracies {accuracies}")
     if abs(r.latitude_deg) > 90.0 or abs(r.longitude_deg) > 180.0:
-        return Fault("out_of_range", f"latitude {r.latitude_deg}, longitude {r.longitude_deg}")
+        return ReadingFault(
+            "out_of_range", f"latitude {r.latitude_deg}, longitude {r.longitude_deg}"
+        )
     if min(accuracies) < 0.0:
-        return Fault("negative", f"accuracies {accuracies} m")
+        return ReadingFault("negative", f"accuracies {accuracies} m")
     return None
 
 
@@ -165,12 +167,12 @@ def _encode(reading: GpsReading) -> Encoded:
 def _decode(document: Json, _: Parts) -> dict[str, Any]:
     wil = document["wil"]
     return {
-        "latitude_deg": number(document["latitude"]),
-        "longitude_deg": number(document["longitude"]),
-        "altitude_m": number(document["altitude"]),
-        "velocity_ned_m_s": vector(wil["velocity_ned_m_s"]),
-        "horizontal_accuracy_m": number(wil["horizontal_accuracy_m"]),
-        "vertical_accuracy_m": number(wil["vertical_accuracy_m"]),
+        "latitude_deg": number_from_json(document["latitude"]),
+        "longitude_deg": number_from_json(document["longitude"]),
+        "altitude_m": number_from_json(document["altitude"]),
+        "velocity_ned_m_s": vector_from_json(wil["velocity_ned_m_s"]),
+        "horizontal_accuracy_m": number_from_json(wil["horizontal_accuracy_m"]),
+        "vertical_accuracy_m": number_from_json(wil["vertical_accuracy_m"]),
         "fix_type": wil["fix_type"],
         "satellites": wil["satellites"],
     }
@@ -194,7 +196,7 @@ def _rest_fault(reading: GpsReading, pose: Pose, frame: LocalFrame) -> str | Non
 
 _TRAITS = ReadingTraits(
     fault=_fault,
-    schema=stamped(
+    schema=stamped_message_schema(
         "foxglove.LocationFix",
         latitude=NUMBER,
         longitude=NUMBER,

@@ -16,8 +16,8 @@ from wil_campaign.vehicles.sources.readings.mavlink_messages import (
     HasState,
     MavlinkReading,
     MavlinkSensor,
+    MessageTimes,
     Reader,
-    Times,
 )
 
 _MM = 0.001
@@ -25,7 +25,7 @@ _UNKNOWN_COUNT = 0xFF
 
 
 def gps_reading(
-    message: Any, times: Times, *, before: GpsReading | None, undulation_m: float | None
+    message: Any, times: MessageTimes, *, before: GpsReading | None, undulation_m: float | None
 ) -> GpsReading:
     """Return the reading in GPS_RAW_INT or GPS2_RAW.
 
@@ -74,7 +74,7 @@ def _reader(sensor: MavlinkSensor, vehicle: HasState) -> Reader:
     del vehicle
     previous: GpsReading | None = None
 
-    def read(message: Any, times: Times) -> Reading | None:
+    def read(message: Any, times: MessageTimes) -> Reading | None:
         nonlocal previous
         before = previous
         previous = gps_reading(message, times, before=before, undulation_m=sensor.undulation_m)

@@ -8,8 +8,13 @@ import numpy as np
 
 from wil_campaign.plugins.navigation.gauss_markov import GaussMarkovWalk
 from wil_campaign.vehicles.readings import ImuReading, Source
-from wil_campaign.vehicles.readings.faults import Fault, are_finite
-from wil_campaign.vehicles.readings.messages import VECTOR3, Json, stamped, vector
+from wil_campaign.vehicles.readings.faults import ReadingFault, are_reading_numbers_finite
+from wil_campaign.vehicles.readings.messages import (
+    VECTOR3,
+    Json,
+    stamped_message_schema,
+    vector_from_json,
+)
 from wil_campaign.vehicles.readings.traits import Encoded, Parts, ReadingTraits
 from wil_campaign.vehicles.sensors.noise_sets import NoiseSets
 from wil_campaign.vehicles.sensors.sensor_spec import (
@@ -135,11 +140,11 @@ def _model(options: ImuOptions, site: SensorSite) -> ImuSensor:
     return ImuSensor(source=site.side, noise=noise, timing=Timing(options.rate_hz))
 
 
-def _fault(reading: ImuReading) -> Fault | None:
+def _fault(reading: ImuReading) -> ReadingFault | None:
     """Check an IMU reading; return its fault or None."""
     numbers = (*reading.specific_force_frd_m_s2, *reading.rates_frd_rad_s)
-    if not are_finite(numbers):
-        return Fault("not_finite", f"specific force and rates {numbers}")
+    if not are_reading_numbers_finite(numbers):
+        return ReadingFault("not_finite", f"specific force and rates {numbers}")
     return None
 
 
@@ -155,8 +160,8 @@ def _encode(reading: ImuReading) -> Encoded:
 def _decode(document: Json, _: Parts) -> dict[str, Any]:
     force, rates = document["linear_acceleration"], document["angular_velocity"]
     return {
-        "specific_force_frd_m_s2": vector([force[axis] for axis in "xyz"]),
-        "rates_frd_rad_s": vector([rates[axis] for axis in "xyz"]),
+        "specific_force_frd_m_s2": vector_from_json([force[axis] for axis in "xyz"]),
+        "rates_frd_rad_s": vector_from_json([rates[axis] for axis in "xyz"]),
     }
 
 
@@ -183,7 +188,7 @@ def _rest_fault(reading: ImuReading, pose: Pose, _: LocalFrame) -> str | None:
 
 _TRAITS = ReadingTraits(
     fault=_fault,
-    schema=stamped("wil.Imu", linear_acceleration=VECTOR3, angular_velocity=VECTOR3),
+    schema=stamped_message_schema("wil.Imu", linear_acceleration=VECTOR3, angular_velocity=VECTOR3),
     encode=_encode,
     decode=_decode,
     compared=lambda r: (*r.specific_force_frd_m_s2, *r.rates_frd_rad_s),

@@ -13,8 +13,8 @@ from wil_campaign.vehicles.sources.readings.mavlink_messages import (
     HasState,
     MavlinkReading,
     MavlinkSensor,
+    MessageTimes,
     Reader,
-    Times,
 )
 
 _MILLI = 0.001
@@ -24,7 +24,7 @@ _ACCELERATION, _RATES = 0b000_111, 0b111_000
 """HIGHRES_IMU_UPDATED_FLAGS."""
 
 
-def imu_reading(message: Any, times: Times) -> ImuReading:
+def imu_reading(message: Any, times: MessageTimes) -> ImuReading:
     """Return the reading in HIGHRES_IMU, SCALED_IMU or ArduPilot's RAW_IMU, body FRD."""
     acceleration = (message.xacc, message.yacc, message.zacc)
     rates = (message.xgyro, message.ygyro, message.zgyro)

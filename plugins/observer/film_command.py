@@ -11,15 +11,15 @@ from cyclopts import Parameter
 from cyclopts.validators import Number
 from PIL import Image
 
-from wil_campaign.foundation.files.problems import printable
-from wil_campaign.orchestrator.cli.standard_streams import err, out
+from wil_campaign.foundation.files.problems import printable_problem
+from wil_campaign.orchestrator.cli.standard_streams import write_stderr, write_stdout
 from wil_campaign.orchestrator.reading.errors import ResultsFolderError
 from wil_campaign.plugins.observer.observed_run import (
     ObservedRun,
     ObserverCamera,
     read_observed_run,
 )
-from wil_campaign.plugins.observer.observer_topic import write_topic
+from wil_campaign.plugins.observer.observer_topic import write_observer_topic
 from wil_campaign.vehicles.readings import BgrImage
 
 _MOST_IMAGES = 20_000
@@ -56,12 +56,12 @@ def film(
     """
     write = _WRITERS.get(out_.suffix.lower())
     if write is None:
-        err(printable(f"--out {out_}: the name must end in {', '.join(_WRITERS)}"))
+        write_stderr(printable_problem(f"--out {out_}: the name must end in {', '.join(_WRITERS)}"))
         return 2
     try:
         seen = read_observed_run(run)
     except ResultsFolderError as error:
-        err(printable(str(error)))
+        write_stderr(printable_problem(str(error)))
         return 2
     observer = seen.observer or seen.default_observer
     if rate_hz is not None:
@@ -78,11 +78,11 @@ def film(
         write(part, frames, observer.rate_hz, seen.facts)
         part.replace(path)
     except OSError as error:
-        err(printable(f"{path} cannot be written: {error.strerror or error}"))
+        write_stderr(printable_problem(f"{path} cannot be written: {error.strerror or error}"))
         return 3
     finally:
         part.unlink(missing_ok=True)
-    out(printable(f"film: {path}"))
+    write_stdout(printable_problem(f"film: {path}"))
     return 0
 
 
@@ -136,7 +136,7 @@ def _write_png(path: Path, frames: Frames, rate_hz: float, facts: Mapping[str, s
 
 def _write_mcap(path: Path, frames: Frames, rate_hz: float, facts: Mapping[str, str]) -> None:
     del rate_hz
-    write_topic(path, frames, facts)
+    write_observer_topic(path, frames, facts)
 
 
 _Writer = Callable[[Path, Frames, float, Mapping[str, str]], None]

@@ -21,16 +21,16 @@ from wil_campaign.orchestrator.recording.judge_log_file import FILE_NAME as JUDG
 from wil_campaign.orchestrator.recording.recording_facts import campaign_in, world_in
 from wil_campaign.orchestrator.report.reading.recorded_sights import read_facts
 from wil_campaign.orchestrator.report.reading.world_facts import recorded_body
-from wil_campaign.plugins.observer.observer_part import Observer, looking_at, observer_in
+from wil_campaign.plugins.observer.observer_part import FixedObserver, observer_in, pose_looking_at
 from wil_campaign.plugins.run_images.drawing import REAL, TWIN, Rgb
 from wil_campaign.vehicles.readings import BgrImage
 from wil_campaign.worlds.camera import Intrinsics
 from wil_campaign.worlds.frames import Pose, Vec3
 from wil_campaign.worlds.render.renderer import Renderer
 from wil_campaign.worlds.scene import shapes
-from wil_campaign.worlds.scene.motion import Motion
+from wil_campaign.worlds.scene.motion import ObjectMotion
 from wil_campaign.worlds.scene.scene import MAX_OBJECTS, Scene, SceneObject
-from wil_campaign.worlds.scene.track import RunHistory, Track
+from wil_campaign.worlds.scene.track import ObjectTrack, RunHistory
 from wil_campaign.worlds.world_file.world import Mode
 
 RECORDING = "run.mcap"
@@ -55,7 +55,7 @@ class ObservedRun:
     stages: when each was reached.
     """
 
-    observer: Observer | None
+    observer: FixedObserver | None
     scene: Scene
     solid: frozenset[str]
     history: RunHistory
@@ -65,7 +65,7 @@ class ObservedRun:
     facts: Mapping[str, str]
 
     @property
-    def default_observer(self) -> Observer:
+    def default_observer(self) -> FixedObserver:
         """Return an observer behind the beginning of the flight that looks at its middle.
 
         It stands in the room where there is one.
@@ -84,7 +84,7 @@ class ObservedRun:
         n, e, d = (float(one) for one in place)
         a, b, c = (float(one) for one in middle)
         intrinsics = Intrinsics.from_fov(width_px, height_px, math.radians(fov_deg))
-        return Observer(looking_at((n, e, d), (a, b, c)), intrinsics, rate_hz)
+        return FixedObserver(pose_looking_at((n, e, d), (a, b, c)), intrinsics, rate_hz)
 
     def _flown_places(self) -> Iterator[Vec3]:
         begin_s, end_s = self.span_s
@@ -169,12 +169,12 @@ def _with_vehicles(
             break
         _, half_m, _ = recorded_body(campaign, name).half_m
         colour = _COLOURS.get(name, REAL)
-        shape = shapes.quadrotor(2.0 * half_m, colour)
+        shape = shapes.quadrotor_shape(2.0 * half_m, colour)
         shape = replace(shape, mesh=shape.mesh.painted(colour))
         at = poses[name][0][1]
         # Only what moves has a track.
-        body = SceneObject(last_id + number, shown, shape, at, Motion(at, ()))
-        track = history.tracks.setdefault(shown, Track())
+        body = SceneObject(last_id + number, shown, shape, at, ObjectMotion(at, ()))
+        track = history.tracks.setdefault(shown, ObjectTrack())
         for t_s, pose in poses[name]:
             track.add(t_s, pose, _AT_REST)
         vehicles[name] = shown
@@ -185,7 +185,7 @@ def _with_vehicles(
 class ObserverCamera:
     """Draws what an observer sees of a run."""
 
-    def __init__(self, run: ObservedRun, observer: Observer) -> None:
+    def __init__(self, run: ObservedRun, observer: FixedObserver) -> None:
         self._run = run
         self._observer = observer
         self._renderer = Renderer(run.scene)

@@ -17,7 +17,7 @@ Metres = Annotated[float, Field(ge=-10_000.0, le=10_000.0)]
 
 
 @dataclass(frozen=True, slots=True)
-class Observer:
+class FixedObserver:
     """A fixed camera. pose: in the world (NED), FRD axes, x looks out. rate_hz: of its films."""
 
     pose: Pose
@@ -69,17 +69,17 @@ class ObserverPart(Part):
                 raise KeyFaultError("look_at", "the observer stands there itself")
         return self
 
-    def observer(self) -> Observer:
+    def observer(self) -> FixedObserver:
         """Return the camera."""
         place_m = self._place_ned_m()
         if self.look_at is not None:
-            pose = looking_at(place_m, _ned_m(self.look_at))
+            pose = pose_looking_at(place_m, _ned_m(self.look_at))
         else:
             turn = {"yaw_rad": self.yaw_deg or 0.0, "pitch_rad": self.pitch_deg}
             radians = {name: math.radians(value) for name, value in turn.items()}
             pose = Pose.of(self.north_m, self.east_m, self.up_m, **radians)
         intrinsics = Intrinsics.from_fov(self.width_px, self.height_px, math.radians(self.fov_deg))
-        return Observer(pose, intrinsics, self.rate_hz)
+        return FixedObserver(pose, intrinsics, self.rate_hz)
 
     def _place_ned_m(self) -> Vec3:
         return (self.north_m, self.east_m, -self.up_m)
@@ -89,7 +89,7 @@ def _ned_m(place: PlacePart) -> Vec3:
     return (place.north_m, place.east_m, -place.up_m)
 
 
-def looking_at(place_ned_m: Vec3, target_ned_m: Vec3) -> Pose:
+def pose_looking_at(place_ned_m: Vec3, target_ned_m: Vec3) -> Pose:
     """Return the level pose (FRD axes) at a place whose x axis points to another one."""
     north_m, east_m, down_m = subtract(target_ned_m, place_ned_m)
     level_m = math.hypot(north_m, east_m)
@@ -104,7 +104,7 @@ def check_observer(campaign: Campaign) -> None:
     del campaign
 
 
-def observer_in(document: Mapping[str, Data]) -> Observer | None:
+def observer_in(document: Mapping[str, Data]) -> FixedObserver | None:
     """Return the observer of a campaign file as flown; None without one, or for a damaged one."""
     given = document.get("observer")
     if given is None:

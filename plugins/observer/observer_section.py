@@ -6,10 +6,10 @@ from pathlib import Path
 from wil_campaign.hooks import Section
 from wil_campaign.orchestrator.reading.errors import ResultsFolderError
 from wil_campaign.orchestrator.recording.recording_facts import campaign_in
-from wil_campaign.orchestrator.report.model import Frame, RunReport
+from wil_campaign.orchestrator.report.model import PageImage, RunReport
 from wil_campaign.orchestrator.report.reading.recorded_sights import read_facts
-from wil_campaign.orchestrator.report.reading.sight_decoding import frame_of
-from wil_campaign.orchestrator.report.rendering.page_parts import environment
+from wil_campaign.orchestrator.report.reading.sight_decoding import page_image_of
+from wil_campaign.orchestrator.report.rendering.page_parts import page_environment
 from wil_campaign.orchestrator.report.words import short_time
 from wil_campaign.plugins.observer.observed_run import (
     RECORDING,
@@ -35,7 +35,7 @@ def observer_section(folder: Path, run: RunReport) -> Section:
         seen = read_observed_run(place)
     except ResultsFolderError as error:
         return Section(problems=(f"the observer's images are left out: {error}",))
-    template = environment("wil_campaign.plugins.observer").get_template("observer.html.j2")
+    template = page_environment("wil_campaign.plugins.observer").get_template("observer.html.j2")
     html = template.render(
         at_s=run.moment.t_s,
         frames=list(_frames(seen, run.moment.t_s)),
@@ -45,7 +45,7 @@ def observer_section(folder: Path, run: RunReport) -> Section:
     return Section(html=html)
 
 
-def _frames(seen: ObservedRun, at_s: float) -> Iterator[Frame]:
+def _frames(seen: ObservedRun, at_s: float) -> Iterator[PageImage]:
     """Yield the images around a time, as far as poses are recorded; always that of the time."""
     camera = ObserverCamera(seen, seen.observer or seen.default_observer)
     begin_s, end_s = seen.span_s
@@ -53,7 +53,7 @@ def _frames(seen: ObservedRun, at_s: float) -> Iterator[Frame]:
         t_s = at_s + offset_s
         if offset_s and not begin_s <= t_s <= end_s:
             continue
-        yield frame_of(
+        yield page_image_of(
             camera.draw(t_s),
             source="observer",
             t_s=t_s,

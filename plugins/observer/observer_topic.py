@@ -7,16 +7,20 @@ from pathlib import Path
 
 import cv2
 
-from wil_campaign.orchestrator.recording.mcap.mcap_encode import Channel, Message, Stamps
+from wil_campaign.orchestrator.recording.mcap.mcap_encode import (
+    McapChannel,
+    McapMessage,
+    McapStamps,
+)
 from wil_campaign.orchestrator.recording.mcap.mcap_file import ChunkedFile
 from wil_campaign.vehicles.readings import BgrImage
 
-CHANNEL = Channel("/observer/camera", "foxglove.CompressedImage", "observer", "camera")
+CHANNEL = McapChannel("/observer/camera", "foxglove.CompressedImage", "observer", "camera")
 _QUALITY = 85
 _CHUNK_BYTES, _CHUNK_NS = 4_000_000, 1_000_000_000
 
 
-def write_topic(
+def write_observer_topic(
     path: Path, frames: Iterable[tuple[float, BgrImage]], facts: Mapping[str, str]
 ) -> None:
     """Write images with their times (run clock) as JPEG. facts: of the run's recording.
@@ -24,7 +28,7 @@ def write_topic(
     Raises OSError.
     """
     epoch = facts.get("epoch_ns", "")
-    stamps = Stamps(int(epoch) / 1e9 if epoch.isdecimal() else 0.0)
+    stamps = McapStamps(int(epoch) / 1e9 if epoch.isdecimal() else 0.0)
     file = ChunkedFile(path=path, compression="none", chunk_bytes=_CHUNK_BYTES, chunk_ns=_CHUNK_NS)
     try:
         file.start({"observer_of": f"{facts.get('case')}/{facts.get('mode')}/{facts.get('rep')}"})
@@ -38,7 +42,7 @@ def write_topic(
                 "format": "jpeg",
             }
             at_ns = stamps.ns(t_s)
-            file.write(Message(CHANNEL, at_ns, at_ns, count, json.dumps(document).encode()))
+            file.write(McapMessage(CHANNEL, at_ns, at_ns, count, json.dumps(document).encode()))
         file.finish({CHANNEL.topic: str(count)})
     finally:
         file.close()

@@ -13,11 +13,15 @@ from wil_campaign.plugins.offline.file_mixing import (
     SideFiles,
     mix_files,
 )
-from wil_campaign.plugins.offline.mixture_outputs import VideoOut, is_run_folder, write_image
+from wil_campaign.plugins.offline.mixture_outputs import (
+    VideoOutput,
+    is_run_folder,
+    write_mixture_image,
+)
 from wil_campaign.plugins.offline.offline_pairing import MixedPair
 from wil_campaign.plugins.offline.recorded_inputs import recording_file
 from wil_campaign.plugins.offline.replay import ReplayReport
-from wil_campaign.plugins.offline.replay import replay as replay_recording
+from wil_campaign.plugins.offline.replay import replay_mixing as replay_recording
 from wil_campaign.recipes.language.recipe_files import load_recipe_file
 from wil_campaign.vehicles.readings import BgrImage, CameraReading
 from wil_campaign.worlds.frames import Pose
@@ -121,7 +125,7 @@ def _refuse_folder_of_run(folder: Path, run: Path) -> None:
         raise OfflineError(f"--out {folder}: is the folder of a recorded run; name another folder")
 
 
-class _ReplayVideo(VideoOut):
+class _ReplayVideo(VideoOutput):
     """The video that `replay` writes: of the first combination with images."""
 
     def __init__(self, path: Path) -> None:
@@ -143,7 +147,9 @@ def _write_worst(report: ReplayReport, folder: Path) -> None:
             continue
         _, recorded, again = combination.worst
         if isinstance(recorded, CameraReading) and isinstance(again, CameraReading):
-            write_image(folder / f"worst-{combination.name}.png", _side_by_side(recorded, again))
+            write_mixture_image(
+                folder / f"worst-{combination.name}.png", _side_by_side(recorded, again)
+            )
 
 
 def _side_by_side(recorded: CameraReading, again: CameraReading) -> BgrImage:

@@ -7,26 +7,26 @@ from functools import partial
 from itertools import chain
 from pathlib import Path
 
-from wil_campaign.foundation.files.documents import BadInput, load
+from wil_campaign.foundation.files.documents import BadInput, load_document
 from wil_campaign.foundation.files.paths import is_folder
 from wil_campaign.orchestrator.recording.recording_facts import objects_in
 from wil_campaign.orchestrator.recording.timestamps import VIRTUAL_EPOCH_S
 from wil_campaign.plugins.offline import image_inputs, recorded_inputs
 from wil_campaign.plugins.offline.contact_sheet import ContactSheet
 from wil_campaign.plugins.offline.errors import OfflineError
-from wil_campaign.plugins.offline.image_inputs import Optics, WorldCamera, kind_of
+from wil_campaign.plugins.offline.image_inputs import InputFileOptics, WorldCamera, input_kind_of
 from wil_campaign.plugins.offline.mixture_outputs import (
-    Output,
-    output_for,
+    MixtureOutput,
+    output_for_file,
     refuse_file_of_run,
-    write_image,
+    write_mixture_image,
 )
 from wil_campaign.plugins.offline.offline_pairing import (
-    DrawnTwins,
-    HeldTwins,
-    StreamedTwins,
-    Twins,
-    mixtures,
+    RenderedTwinPairing,
+    SingleTwinPairing,
+    StreamedTwinPairing,
+    TwinPairing,
+    paired_mixtures,
 )
 from wil_campaign.recipes.model.recipe import Recipe
 from wil_campaign.recipes.pipeline.pipeline import Mixer, compile_recipe
@@ -94,13 +94,13 @@ def mix_files(order: MixOrder) -> tuple[CombinationReport, ...]:
     mixers = compile_recipe(order.recipe, object_ids=inputs.objects, observer=sheet)
     chosen = _choose_names(mixers, order)
     with ExitStack() as stack:
-        output = output_for(order.out, rate_hz=_VIDEO_HZ, epoch_s=VIRTUAL_EPOCH_S)
+        output = output_for_file(order.out, rate_hz=_VIDEO_HZ, epoch_s=VIRTUAL_EPOCH_S)
         output = stack.enter_context(output)
         reports = tuple(_mix_pairs(name, mixer, inputs, output) for name, mixer in chosen)
     if sheet is not None and order.stages is not None:
         if sheet.is_empty:
             raise OfflineError(f"{order.stages}: there is no frame {order.frame} to show")
-        write_image(order.stages, sheet.draw())
+        write_mixture_image(order.stages, sheet.draw())
     return reports
 
 
@@ -132,17 +132,17 @@ def _refuse_unknown_objects(recipe: Recipe, objects: Mapping[str, int]) -> None:
 
 def _choose_names(mixers: tuple[Mixer, ...], order: MixOrder) -> tuple[tuple[str, Mixer], ...]:
     """Return the wanted mixers of a recipe, each with its unique name."""
-    recorded = kind_of(order.real.file) == "recording"
+    recorded = input_kind_of(order.real.file) == "recording"
     found = [mixer for mixer in mixers if order.sensor in (None, mixer.sensor)]
     if not recorded or order.out.suffix.lower() != ".mcap":
         found = [mixer for mixer in found if mixer.combination.sensor.kind == "camera"][:1]
     if not found:
         wanted = f"no sensor '{order.sensor}'" if order.sensor else "no camera"
         raise OfflineError(f"{order.recipe.document.name}: combines {wanted} for {order.out.name}")
-    return tuple(names_of(found))
+    return tuple(names_of_mixers(found))
 
 
-def names_of(mixers: "list[Mixer] | tuple[Mixer, ...]") -> Iterator[tuple[str, Mixer]]:
+def names_of_mixers(mixers: "list[Mixer] | tuple[Mixer, ...]") -> Iterator[tuple[str, Mixer]]:
     """Yield each mixer with its name: the sensor, and its receivers if several share it."""
     sensors = [mixer.sensor for mixer in mixers]
     for mixer in mixers:
@@ -150,17 +150,19 @@ def names_of(mixers: "list[Mixer] | tuple[Mixer, ...]") -> Iterator[tuple[str, M
         yield (f"{mixer.sensor}.{'_'.join(mixer.publish)}" if several else mixer.sensor), mixer
 
 
-def _mix_pairs(name: str, mixer: Mixer, inputs: "_Inputs", output: Output) -> CombinationReport:
+def _mix_pairs(
+    name: str, mixer: Mixer, inputs: "_Inputs", output: MixtureOutput
+) -> CombinationReport:
     twins = inputs.twins(mixer)
     reasons: dict[str, str] = {}
-    for pair in mixtures(mixer, inputs.reals(mixer), twins):
+    for pair in paired_mixtures(mixer, inputs.reals(mixer), twins):
         provenance = pair.mixed.provenance
         if provenance.dropped is not None:
             reasons.setdefault(provenance.dropped, provenance.detail)
         output.receive(name, pair)
     counts = mixer.counts()
     lacking = [f"{file}: {what}" for file, what in inputs.lacking.items()]
-    refused = twins.faults[:1] if isinstance(twins, StreamedTwins) else []
+    refused = twins.faults[:1] if isinstance(twins, StreamedTwinPairing) else []
     return CombinationReport(
         name=name,
         frames=counts.frames,
@@ -178,7 +180,7 @@ class _Inputs:
         self._order = order
         self.lacking: dict[Path, str] = {}
         """What a recording lacks, by its file, as far as it was read to its end."""
-        self._kinds = (kind_of(order.real.file), kind_of(order.twin.file))
+        self._kinds = (input_kind_of(order.real.file), input_kind_of(order.twin.file))
         real, twin = self._kinds
         if real == "world":
             raise OfflineError(
@@ -200,7 +202,7 @@ class _Inputs:
         ):
             if given is not None and kind in kinds:
                 raise OfflineError(f"{option}: has no effect on this kind of input, {kind}")
-        self._world = World.parse(load(order.twin.file)) if twin == "world" else None
+        self._world = World.parse(load_document(order.twin.file)) if twin == "world" else None
         self.objects: Mapping[str, int] = {}
         if self._world is not None:
             objects = self._world.scene("wil", "Wv").objects
@@ -215,23 +217,25 @@ class _Inputs:
             return self._recorded(side.file, "real", mixer.sensor)
         return _image_inputs(side, self._kinds[0] == "image", "real")
 
-    def twins(self, mixer: Mixer) -> Twins:
+    def twins(self, mixer: Mixer) -> TwinPairing:
         side, kind = self._order.twin, self._kinds[1]
         if kind == "recording":
             found = self._recorded(side.file, "twin", mixer.sensor)
-            return StreamedTwins(found, partial(mixer.offer, "twin"))
+            return StreamedTwinPairing(found, partial(mixer.offer, "twin"))
         if self._world is not None:
-            optics = Optics(side.fov_deg)
+            optics = InputFileOptics(side.fov_deg)
             pose = self._order.place or AT_ORIGIN
             camera = WorldCamera(world=self._world, pose=pose, optics=optics)
-            return DrawnTwins(camera.reading)
+            return RenderedTwinPairing(camera.reading)
         if kind == "image":
-            return HeldTwins(next(_image_inputs(side, True, "twin")))
-        return StreamedTwins(_image_inputs(side, False, "twin"), partial(mixer.offer, "twin"))
+            return SingleTwinPairing(next(_image_inputs(side, True, "twin")))
+        return StreamedTwinPairing(_image_inputs(side, False, "twin"), partial(mixer.offer, "twin"))
 
     def _recorded(self, path: Path, source: Source, sensor: str) -> Iterator[Reading]:
         file = recorded_inputs.recording_file(path)
-        found = recorded_inputs.readings(file, source, sensor, self.lacking.__setitem__)
+        found = recorded_inputs.recorded_sensor_readings(
+            file, source, sensor, self.lacking.__setitem__
+        )
         first = next(found, None)
         if first is None:
             lacks = f"; {self.lacking[file]}" if file in self.lacking else ""
@@ -240,13 +244,13 @@ class _Inputs:
 
 
 def _image_inputs(side: SideFiles, one: bool, source: Source) -> Iterator[CameraReading]:
-    optics = Optics(side.fov_deg)
+    optics = InputFileOptics(side.fov_deg)
     found: Iterator[CameraReading] = (
-        iter([image_inputs.image(side.file, source, optics)])
+        iter([image_inputs.read_image_reading(side.file, source, optics)])
         if one
-        else image_inputs.video(side.file, source, optics)
+        else image_inputs.read_video_readings(side.file, source, optics)
     )
     if side.depth is None:
         return found
-    depth_m, path = image_inputs.depth(side.depth), side.depth
-    return (image_inputs.with_depth(reading, depth_m, path) for reading in found)
+    depth_m, path = image_inputs.read_depth_file(side.depth), side.depth
+    return (image_inputs.reading_with_depth(reading, depth_m, path) for reading in found)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from wil_campaign.foundation.files.images import ImageError, read_image
 from wil_campaign.foundation.files.limits import MAX_IMAGE_PIXELS
 from wil_campaign.foundation.files.paths import is_file, is_folder
-from wil_campaign.plugins.cameras.frame_stamps import check_image
+from wil_campaign.plugins.cameras.frame_stamps import checked_frame
 from wil_campaign.plugins.cameras.image_files import VideoFile
 from wil_campaign.plugins.cameras.recorded_camera import ImageFile, RecordedImage
 from wil_campaign.plugins.offline.errors import OfflineError
@@ -31,7 +31,7 @@ _MM_PER_M = 1000.0
 _LARGEST_DEPTH_BYTES = 8 * MAX_IMAGE_PIXELS + 4096
 
 
-def kind_of(path: Path) -> InputKind:
+def input_kind_of(path: Path) -> InputKind:
     """Return the kind of an input by its name: image, world or recording, else a video."""
     suffix = path.suffix.lower()
     if is_folder(path) or suffix == ".mcap":
@@ -42,7 +42,7 @@ def kind_of(path: Path) -> InputKind:
 
 
 @dataclass(frozen=True, slots=True)
-class Optics:
+class InputFileOptics:
     """The optics of image files' camera. fov_deg: horizontal, edge to edge."""
 
     fov_deg: float
@@ -53,12 +53,12 @@ class Optics:
         return Intrinsics.from_fov(width_px, height_px, math.radians(self.fov_deg))
 
 
-def image(path: Path, side: Source, optics: Optics) -> CameraReading:
+def read_image_reading(path: Path, side: Source, optics: InputFileOptics) -> CameraReading:
     """Return an image file as a reading at time 0. Raises OfflineError."""
     if not is_file(path):
         raise OfflineError(f"{path}: there is no such file")
     found = _read(path, cv2.IMREAD_COLOR)
-    return _reading_of(check_image(str(path), found), 0, 0.0, side, optics)
+    return _reading_of(checked_frame(str(path), found), 0, 0.0, side, optics)
 
 
 def _read(path: Path, flags: int) -> NDArray[Any]:
@@ -68,13 +68,15 @@ def _read(path: Path, flags: int) -> NDArray[Any]:
         raise OfflineError(f"{path}: cannot be read as an image: {error}") from error
 
 
-def video(path: Path, side: Source, optics: Optics) -> Iterator[CameraReading]:
+def read_video_readings(
+    path: Path, side: Source, optics: InputFileOptics
+) -> Iterator[CameraReading]:
     """Yield the images of a video file at their times. Raises OfflineError."""
-    for seq, still in enumerate(stills(VideoFile(path=path))):
+    for seq, still in enumerate(still_images(VideoFile(path=path))):
         yield _reading_of(still.image_bgr, seq, still.offset_s, side, optics)
 
 
-def stills(file: ImageFile) -> Iterator[RecordedImage]:
+def still_images(file: ImageFile) -> Iterator[RecordedImage]:
     """Yield the images of a video, a folder or an MCAP file. Raises OfflineError."""
     try:
         with closing(file):
@@ -86,7 +88,7 @@ def stills(file: ImageFile) -> Iterator[RecordedImage]:
 
 
 def _reading_of(
-    image_bgr: BgrImage, seq: int, t_s: float, side: Source, optics: Optics
+    image_bgr: BgrImage, seq: int, t_s: float, side: Source, optics: InputFileOptics
 ) -> CameraReading:
     return CameraReading(
         t_s=t_s,
@@ -99,7 +101,7 @@ def _reading_of(
     )
 
 
-def depth(path: Path) -> DepthImage:
+def read_depth_file(path: Path) -> DepthImage:
     """Return a depth file: .npy in metres, or a 16-bit image in millimetres, 0 for unknown.
 
     Unknown depth is infinite. Raises OfflineError.
@@ -130,7 +132,7 @@ def depth(path: Path) -> DepthImage:
     return found_m
 
 
-def with_depth(reading: CameraReading, depth_m: DepthImage, path: Path) -> CameraReading:
+def reading_with_depth(reading: CameraReading, depth_m: DepthImage, path: Path) -> CameraReading:
     """Return an image reading with depth. Raises OfflineError when the sizes differ."""
     size, wanted = depth_m.shape, reading.image_bgr.shape[:2]
     if size != wanted:
@@ -143,7 +145,7 @@ def with_depth(reading: CameraReading, depth_m: DepthImage, path: Path) -> Camer
 class WorldCamera:
     """Renders the virtual objects of a world for each real image, from one pose."""
 
-    def __init__(self, *, world: World, pose: Pose, optics: Optics) -> None:
+    def __init__(self, *, world: World, pose: Pose, optics: InputFileOptics) -> None:
         self._renderer = Renderer(world.scene("wil", "Wv"))
         self._pose = pose
         self._optics = optics

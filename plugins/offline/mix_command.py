@@ -8,7 +8,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from wil_campaign.orchestrator.cli.standard_streams import err, out
+from wil_campaign.orchestrator.cli.standard_streams import write_stderr, write_stdout
 from wil_campaign.plugins.offline.calls import mix as mix_files
 from wil_campaign.plugins.offline.errors import OfflineError
 from wil_campaign.plugins.offline.file_mixing import CombinationReport
@@ -95,23 +95,23 @@ def mix(
             frame=frame,
         )
     except OfflineError as error:
-        err(error)
+        write_stderr(error)
         return 2
     except (StepError, OSError) as error:
-        err(error)
+        write_stderr(error)
         return 3
     code = _print_reports(reports, json=json_)
     if code == 0 and not json_:
-        out(f"mixture: {out_}")
+        write_stdout(f"mixture: {out_}")
     return code
 
 
 def _print_reports(reports: Sequence[CombinationReport], *, json: bool) -> int:
     """Print the reports of `mix`; return its exit code."""
     if json:
-        out(_as_json(reports))
+        write_stdout(_as_json(reports))
     for report in reports:
-        write = out if report.complete and not json else err
+        write = write_stdout if report.complete and not json else write_stderr
         if not (json and report.complete):
             write(_as_text(report))
     return 0 if all(report.complete for report in reports) else 3

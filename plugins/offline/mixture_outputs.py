@@ -9,8 +9,8 @@ from typing import Protocol, Self
 
 import cv2
 
-from wil_campaign.foundation.files.document_writer import write_whole
-from wil_campaign.foundation.files.paths import exists, is_file, is_folder
+from wil_campaign.foundation.files.document_writer import write_atomically
+from wil_campaign.foundation.files.paths import is_file, is_folder, path_exists
 from wil_campaign.orchestrator.recording.mcap.mcap_settings import LOSSLESS
 from wil_campaign.orchestrator.recording.mcap.mcap_writer import McapRecorder, RecordingReport
 from wil_campaign.orchestrator.recording.video import VideoWriter
@@ -23,7 +23,7 @@ _OF_RUNS = ("log.jsonl", "result.json", "judged.msgpack")
 """Files by which the folder of a run is recognised."""
 
 
-class Output(Protocol):
+class MixtureOutput(Protocol):
     """An output of mixtures in their order (protocol); a context manager."""
 
     def __enter__(self) -> Self:
@@ -41,12 +41,12 @@ class Output(Protocol):
         """Close the output of mixtures."""
 
 
-def write_image(path: Path, image_bgr: BgrImage) -> None:
+def write_mixture_image(path: Path, image_bgr: BgrImage) -> None:
     """Write an image atomically. Raises OfflineError, OSError."""
     coded, data = cv2.imencode(path.suffix.lower(), image_bgr)
     if not coded:
         raise OfflineError(f"{path}: cannot be written as {path.suffix}; use .png or .jpg")
-    write_whole(path, data.tobytes())
+    write_atomically(path, data.tobytes())
 
 
 def is_run_folder(folder: Path) -> bool:
@@ -56,7 +56,7 @@ def is_run_folder(folder: Path) -> bool:
 
 def refuse_file_of_run(path: Path) -> None:
     """Raise OfflineError for an output that would replace a file in the folder of a run."""
-    if exists(path) and is_run_folder(path.parent):
+    if path_exists(path) and is_run_folder(path.parent):
         raise OfflineError(f"{path}: is a file of a flown run; write to another file")
 
 
@@ -76,7 +76,7 @@ def _replacing(path: Path) -> Iterator[Path]:
             written.replace(path)
 
 
-class ImageOut:
+class ImageOutput:
     """An output of one mixed image; frames without mixture are not written."""
 
     def __init__(self, path: Path) -> None:
@@ -100,7 +100,7 @@ class ImageOut:
             )
         self._has_image = True
         if isinstance(reading, CameraReading) and pair.mixed.provenance.dropped is None:
-            write_image(self._path, reading.image_bgr)
+            write_mixture_image(self._path, reading.image_bgr)
 
 
 class _Stacked:
@@ -117,7 +117,7 @@ class _Stacked:
         self._stack.__exit__(kind, error, trace)
 
 
-class VideoOut(_Stacked):
+class VideoOutput(_Stacked):
     """An output of mixed images as a video, at their times."""
 
     def __init__(self, path: Path, *, rate_hz: float) -> None:
@@ -139,7 +139,7 @@ class VideoOut(_Stacked):
             self._video.write(pair.mixed.reading.t_s, pair.mixed.reading.image_bgr)
 
 
-class RecordingOut(_Stacked):
+class RecordingOutput(_Stacked):
     """An output of mixtures as lossless MCAP. epoch_s: UTC of the run clock's zero."""
 
     def __init__(self, path: Path, *, epoch_s: float) -> None:
@@ -185,13 +185,13 @@ def _why_incomplete(report: RecordingReport) -> str:
     return ": ".join([f"{lost} are missing", *errors])
 
 
-def output_for(path: Path, *, rate_hz: float, epoch_s: float) -> Output:
+def output_for_file(path: Path, *, rate_hz: float, epoch_s: float) -> MixtureOutput:
     """Return the output for the suffix of a file. Raises OfflineError."""
     suffix = path.suffix.lower()
     if suffix in IMAGE_SUFFIXES:
-        return ImageOut(path)
+        return ImageOutput(path)
     if suffix == ".mp4":
-        return VideoOut(path, rate_hz=rate_hz)
+        return VideoOutput(path, rate_hz=rate_hz)
     if suffix == ".mcap":
-        return RecordingOut(path, epoch_s=epoch_s)
+        return RecordingOutput(path, epoch_s=epoch_s)
     raise OfflineError(f"{path}: name an image (.png), a video (.mp4) or a recording (.mcap)")

@@ -5,14 +5,14 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import Protocol
 
-from wil_campaign.recipes.pipeline.mixture import Mixed
+from wil_campaign.recipes.pipeline.mixture import MixedReading
 from wil_campaign.recipes.pipeline.pipeline import Mixer
-from wil_campaign.vehicles.readings import CameraReading, Reading, end_s
+from wil_campaign.vehicles.readings import CameraReading, Reading, reading_end_s
 
 _NEAR_READINGS = 64
 
 
-class Twins(Protocol):
+class TwinPairing(Protocol):
     """Pairs the twin's readings with real ones (protocol)."""
 
     def match(self, real: Reading) -> Reading | None:
@@ -20,7 +20,7 @@ class Twins(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class HeldTwins:
+class SingleTwinPairing:
     """Pairs one twin reading with all real ones: a single image beside a video."""
 
     reading: Reading
@@ -31,7 +31,7 @@ class HeldTwins:
 
 
 @dataclass(frozen=True, slots=True)
-class DrawnTwins:
+class RenderedTwinPairing:
     """Pairs each real image with a rendered reading."""
 
     draw: Callable[[CameraReading], Reading]
@@ -41,7 +41,7 @@ class DrawnTwins:
         return self.draw(real) if isinstance(real, CameraReading) else None
 
 
-class StreamedTwins:
+class StreamedTwinPairing:
     """Pairs real readings with a file's twin readings nearest in time.
 
     offer: takes each reading, and returns why the mixer refuses it; else None.
@@ -55,7 +55,7 @@ class StreamedTwins:
 
     def match(self, real: Reading) -> Reading | None:
         """Return the twin's reading nearest to the real one in time."""
-        while not self._near or end_s(self._near[-1]) < end_s(real):
+        while not self._near or reading_end_s(self._near[-1]) < reading_end_s(real):
             following = next(self._readings, None)
             if following is None:
                 break
@@ -76,10 +76,12 @@ class MixedPair:
 
     real: Reading
     twin: Reading | None
-    mixed: Mixed[Reading]
+    mixed: MixedReading[Reading]
 
 
-def mixtures(mixer: Mixer, reals: Iterator[Reading], twins: Twins) -> Iterator[MixedPair]:
+def paired_mixtures(
+    mixer: Mixer, reals: Iterator[Reading], twins: TwinPairing
+) -> Iterator[MixedPair]:
     """Yield the mixture of each real reading with its paired twin's. Raises StepError.
 
     The time of mixing is the arrival of the later one.
@@ -87,5 +89,5 @@ def mixtures(mixer: Mixer, reals: Iterator[Reading], twins: Twins) -> Iterator[M
     for real in reals:
         twin = twins.match(real)
         now_s = real.arrived_s if twin is None else max(real.arrived_s, twin.arrived_s)
-        mixed: Mixed[Reading] = mixer.mix(real, twin, now_s=now_s, alignment="from files")
+        mixed: MixedReading[Reading] = mixer.mix(real, twin, now_s=now_s, alignment="from files")
         yield MixedPair(real, twin, mixed)

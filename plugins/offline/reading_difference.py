@@ -17,7 +17,7 @@ means of up to 0.42, shares of up to 0.1 %, at the edges of isolated objects."""
 
 
 @dataclass(frozen=True, slots=True)
-class Difference:
+class ReadingDifference:
     """The difference of two readings. share: of differing pixels or elements; worst: largest.
 
     what: as text. worst and mean are in the reading's own unit; grey levels for images.
@@ -29,13 +29,15 @@ class Difference:
     worst: float = math.inf
 
 
-def difference(recorded: Reading, again: Reading, *, exact: bool) -> Difference | None:
+def difference_of_readings(
+    recorded: Reading, again: Reading, *, exact: bool
+) -> ReadingDifference | None:
     """Return the difference of a replayed reading from the recorded one; None if equal.
 
     exact: the inputs were recorded losslessly; else images may differ by the loss of JPEG.
     """
     if type(recorded) is not type(again):
-        return Difference(f"{type(again).__name__} instead of {type(recorded).__name__}")
+        return ReadingDifference(f"{type(again).__name__} instead of {type(recorded).__name__}")
     if isinstance(recorded, CameraReading) and isinstance(again, CameraReading) and not exact:
         return _beyond_jpeg(recorded, again)
     for field in fields(recorded):
@@ -45,7 +47,7 @@ def difference(recorded: Reading, again: Reading, *, exact: bool) -> Difference 
     return None
 
 
-def _beyond_jpeg(recorded: CameraReading, again: CameraReading) -> Difference | None:
+def _beyond_jpeg(recorded: CameraReading, again: CameraReading) -> ReadingDifference | None:
     """Return the difference of a JPEG-recorded image that its loss does not explain."""
     found = _of_values(recorded.image_bgr, again.image_bgr, "image_bgr")
     if found is None or not math.isfinite(found.mean):
@@ -55,22 +57,22 @@ def _beyond_jpeg(recorded: CameraReading, again: CameraReading) -> Difference | 
     if found.mean <= JPEG_MEAN_LEVELS and far <= JPEG_FAR_SHARE:
         return None
     what = f"{far:.2%} of its pixels by more than {JPEG_FAR_LEVELS} levels, beyond the loss of JPEG"
-    return Difference(what, far, found.mean, found.worst)
+    return ReadingDifference(what, far, found.mean, found.worst)
 
 
-def _of_values(recorded: Any, again: Any, name: str) -> Difference | None:
+def _of_values(recorded: Any, again: Any, name: str) -> ReadingDifference | None:
     """Return the difference of two values of a reading's field; NaN equals NaN."""
     if isinstance(recorded, np.ndarray) and isinstance(again, np.ndarray):
         return _of_arrays(recorded, again, name)
     if recorded == again or (recorded != recorded and again != again):  # noqa: PLR0124 - NaN
         return None
-    return Difference(f"{name} is {again!r} instead of {recorded!r}")
+    return ReadingDifference(f"{name} is {again!r} instead of {recorded!r}")
 
 
-def _of_arrays(recorded: Any, again: Any, name: str) -> Difference | None:
+def _of_arrays(recorded: Any, again: Any, name: str) -> ReadingDifference | None:
     """Return the difference of two arrays of a reading's field; None if equal."""
     if recorded.shape != again.shape:
-        return Difference(f"{name} is {again.shape} instead of {recorded.shape}")
+        return ReadingDifference(f"{name} is {again.shape} instead of {recorded.shape}")
     if np.array_equal(recorded, again, equal_nan=recorded.dtype.kind == "f"):
         return None
     levels = _levels(recorded, again)
@@ -81,7 +83,7 @@ def _of_arrays(recorded: Any, again: Any, name: str) -> Difference | None:
     known = np.isfinite(levels)
     mean = float(levels[known].mean()) if known.any() else math.inf
     what = f"{share:.2%} of {name}, by up to {levels.max():.4g}"
-    return Difference(what, share, mean, float(levels.max()))
+    return ReadingDifference(what, share, mean, float(levels.max()))
 
 
 def _levels(recorded: Any, again: Any) -> Any:

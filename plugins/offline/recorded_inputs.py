@@ -27,16 +27,16 @@ Lacking = Callable[[Path, str], None]
 """Called after all items of a recording that is not whole: with its file, and what it lacks."""
 
 
-def items(path: Path, lacking: Lacking | None = None) -> Iterator[Recorded]:
+def recording_items(path: Path, lacking: Lacking | None = None) -> Iterator[Recorded]:
     """Yield the items of a recording, in its order. Raises OfflineError."""
     recording = Recording(path)
     with _offline_errors(path):
         yield from recording
-    if lacking is not None and (what := what_lacks(recording)):
+    if lacking is not None and (what := recording_lack_text(recording)):
         lacking(path, what)
 
 
-def what_lacks(recording: Recording) -> str:
+def recording_lack_text(recording: Recording) -> str:
     """Return what an iterated recording lacks, as a sentence; empty when it is whole."""
     end = recording.end
     if end is not None and not end.whole:
@@ -64,14 +64,14 @@ def _offline_errors(path: Path) -> Iterator[None]:
         raise OfflineError(f"{path}: cannot be read: {error.strerror or error}") from error
 
 
-def readings(
+def recorded_sensor_readings(
     path: Path, source: Source, sensor: str, lacking: Lacking | None = None
 ) -> Iterator[Reading]:
     """Yield a recording's readings of one sensor of a vehicle. Raises OfflineError."""
     recording = Recording(path)
     with _offline_errors(path):
         yield from recording.readings(sensor, source)
-    if lacking is not None and (what := what_lacks(recording)):
+    if lacking is not None and (what := recording_lack_text(recording)):
         lacking(path, what)
 
 

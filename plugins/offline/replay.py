@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Any
 
 from wil_campaign.foundation.files.documents import BadInput
-from wil_campaign.foundation.files.images import decode_image
-from wil_campaign.foundation.files.problems import printable
-from wil_campaign.orchestrator.recording.mcap.mcap_bodies import jpeg_of
+from wil_campaign.foundation.files.images import decode_image_file
+from wil_campaign.foundation.files.problems import printable_problem
+from wil_campaign.orchestrator.recording.mcap.mcap_bodies import jpeg_of_image
 from wil_campaign.orchestrator.recording.recording_facts import (
     objects_in,
     quality_in,
@@ -17,12 +17,15 @@ from wil_campaign.orchestrator.recording.recording_facts import (
 )
 from wil_campaign.plugins.offline import recorded_inputs
 from wil_campaign.plugins.offline.errors import OfflineError
-from wil_campaign.plugins.offline.file_mixing import names_of
+from wil_campaign.plugins.offline.file_mixing import names_of_mixers
 from wil_campaign.plugins.offline.offline_pairing import MixedPair
-from wil_campaign.plugins.offline.reading_difference import Difference, difference
+from wil_campaign.plugins.offline.reading_difference import (
+    ReadingDifference,
+    difference_of_readings,
+)
 from wil_campaign.plugins.python.mcap_reader import RecordedProvenance, RecordedReading
 from wil_campaign.recipes.model.recipe import Recipe
-from wil_campaign.recipes.pipeline.mixture import Mixed
+from wil_campaign.recipes.pipeline.mixture import MixedReading
 from wil_campaign.recipes.pipeline.pipeline import Mixer, compile_recipe
 from wil_campaign.vehicles.readings import CameraReading, Reading
 
@@ -35,16 +38,16 @@ Key = tuple[str, str]
 
 
 @dataclass(frozen=True, slots=True)
-class Divergence:
+class ReplayDivergence:
     """A replay's divergence from the recorded mixture. frame: from 0; t_s: of the real reading."""
 
     frame: int
     t_s: float | None
-    difference: Difference
+    difference: ReadingDifference
 
 
 @dataclass(slots=True)
-class Replayed:
+class ReplayedCombination:
     """The report of one replayed combination.
 
     frames: mixed again. compared: those that the recording has too. divergences: in order. worst:
@@ -57,8 +60,8 @@ class Replayed:
     compared: int = 0
     exact: bool = True
     dropped: Mapping[str, int] = field(default_factory=dict)
-    divergences: list[Divergence] = field(default_factory=list)
-    worst: tuple[Divergence, Reading, Reading] | None = None
+    divergences: list[ReplayDivergence] = field(default_factory=list)
+    worst: tuple[ReplayDivergence, Reading, Reading] | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,7 +71,7 @@ class ReplayReport:
     lacks: what the recording lacks, as a sentence; empty when it is whole.
     """
 
-    combinations: tuple[Replayed, ...]
+    combinations: tuple[ReplayedCombination, ...]
     without: tuple[str, ...]
     lacks: str = ""
 
@@ -88,7 +91,7 @@ class ReplayReport:
 OnMixture = Callable[[str, MixedPair], None]
 
 
-def replay(
+def replay_mixing(
     path: Path,
     recipe: Recipe | None = None,
     *,
@@ -108,9 +111,9 @@ def replay(
     if problems:
         raise BadInput(problems)
     mixers = compile_recipe(recipe, object_ids=objects)
-    replaying = _Replay(dict(names_of(mixers)), on_mixture, quality=quality_in(facts))
+    replaying = _Replay(dict(names_of_mixers(mixers)), on_mixture, quality=quality_in(facts))
     lacks: list[str] = []
-    for item in recorded_inputs.items(file, lambda _, what: lacks.append(what)):
+    for item in recorded_inputs.recording_items(file, lambda _, what: lacks.append(what)):
         if isinstance(item, RecordedReading):
             replaying.reading(item)
         elif isinstance(item, RecordedProvenance):
@@ -132,7 +135,7 @@ def _recorded_recipe(file: Path, facts: Mapping[str, str], *, trusted: bool) -> 
         return recipe
     if not trusted:
         folder = recipe.document.path.parent
-        named = ", ".join(printable(str(folder / reference)) for reference in references)
+        named = ", ".join(printable_problem(str(folder / reference)) for reference in references)
         raise OfflineError(
             f"{file}: the recording names code that would run: {named}; give a recipe of your own "
             "by --recipe, or --trust to run what the recording names"
@@ -153,7 +156,7 @@ class _Replay:
         self._not_offered: dict[str, deque[Reading]] = {name: deque() for name in mixers}
         self._inexact: set[Key] = set()
         self._recorded: dict[str, tuple[Reading, bool]] = {}
-        self._replayed = {name: Replayed(name) for name in mixers}
+        self._replayed = {name: ReplayedCombination(name) for name in mixers}
         self._without: Counter[str] = Counter()
 
     def reading(self, item: RecordedReading) -> None:
@@ -206,7 +209,7 @@ class _Replay:
         real = self._recorded_input("real", mixer.sensor, provenance.get("given_real_seq"))
         twin = self._recorded_input("twin", mixer.sensor, provenance.get("given_twin_seq"))
         self._offer_readings_before(real, name, mixer)
-        mixed: Mixed[Reading] = mixer.mix(
+        mixed: MixedReading[Reading] = mixer.mix(
             real, twin, now_s=provenance["mixed_s"], alignment=provenance["alignment"]
         )
         replayed = self._replayed[name]
@@ -233,9 +236,9 @@ class _Replay:
 
     def _compare(
         self,
-        replayed: Replayed,
+        replayed: ReplayedCombination,
         frame: int,
-        mixed: Mixed[Reading],
+        mixed: MixedReading[Reading],
         provenance: Mapping[str, Any],
         recorded: tuple[Reading, bool] | None,
     ) -> None:
@@ -245,12 +248,12 @@ class _Replay:
             again, before = getattr(mixed.provenance, key), provenance.get(key)
             if again != before:
                 what = f"{key} is {again!r} instead of {before!r}"
-                replayed.divergences.append(Divergence(frame, t_s, Difference(what)))
+                replayed.divergences.append(ReplayDivergence(frame, t_s, ReadingDifference(what)))
                 return
         if recorded is None or mixed.reading is None:
             if (recorded is None) != (mixed.reading is None):
                 what = "a mixture that was not recorded" if recorded is None else "no mixture"
-                replayed.divergences.append(Divergence(frame, t_s, Difference(what)))
+                replayed.divergences.append(ReplayDivergence(frame, t_s, ReadingDifference(what)))
             return
         reading, exact = recorded
         sensor = mixed.reading.sensor
@@ -258,14 +261,14 @@ class _Replay:
         again = mixed.reading
         if has_exact_inputs and not exact:
             again = _as_jpeg(again, self._quality)
-        found = difference(reading, again, exact=True) if has_exact_inputs else None
+        found = difference_of_readings(reading, again, exact=True) if has_exact_inputs else None
         if found is not None or not has_exact_inputs:
             # JPEG differs from library to library, by less than its loss.
-            found = difference(reading, again, exact=exact and has_exact_inputs)
+            found = difference_of_readings(reading, again, exact=exact and has_exact_inputs)
             replayed.exact = False
         if found is None:
             return
-        diverging = Divergence(frame, t_s, found)
+        diverging = ReplayDivergence(frame, t_s, found)
         replayed.divergences.append(diverging)
         if replayed.worst is None or found.share > replayed.worst[0].difference.share:
             replayed.worst = (diverging, reading, mixed.reading)
@@ -275,7 +278,7 @@ def _as_jpeg(reading: Reading, quality: int) -> Reading:
     """Return a camera's image as its recording as JPEG would read; any other reading itself."""
     if not isinstance(reading, CameraReading):
         return reading
-    return replace(reading, image_bgr=decode_image(jpeg_of(reading.image_bgr, quality)))
+    return replace(reading, image_bgr=decode_image_file(jpeg_of_image(reading.image_bgr, quality)))
 
 
 def _most(reading: Reading) -> int:

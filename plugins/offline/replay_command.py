@@ -6,10 +6,10 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from wil_campaign.orchestrator.cli.standard_streams import err, out
+from wil_campaign.orchestrator.cli.standard_streams import write_stderr, write_stdout
 from wil_campaign.plugins.offline.calls import replay
 from wil_campaign.plugins.offline.errors import OfflineError
-from wil_campaign.plugins.offline.replay import Replayed, ReplayReport
+from wil_campaign.plugins.offline.replay import ReplayedCombination, ReplayReport
 from wil_campaign.recipes.working import StepError
 
 _SHOWN = 5
@@ -46,14 +46,14 @@ def replay_run(
     try:
         report = replay(run, recipe=recipe, trust=trust, out=out_)
     except OfflineError as error:
-        err(error)
+        write_stderr(error)
         return 2
     except (StepError, OSError) as error:
-        err(error)
+        write_stderr(error)
         return 3
-    out(_as_json(report) if json_ else _as_text(report))
+    write_stdout(_as_json(report) if json_ else _as_text(report))
     if out_ is not None and not json_:
-        out(f"written: {out_}")
+        write_stdout(f"written: {out_}")
     if report.diverges:
         return 1
     return 0 if report.compared else 3
@@ -68,7 +68,7 @@ def _as_text(report: ReplayReport) -> str:
     return "\n".join(lines)
 
 
-def _lines(one: Replayed) -> list[str]:
+def _lines(one: ReplayedCombination) -> list[str]:
     """Return the report lines of one replayed combination."""
     how = "to the bit" if one.exact else "within the loss of JPEG"
     left_out = ", ".join(f"{what} {count}" for what, count in one.dropped.items())

@@ -19,7 +19,7 @@ from wil_campaign.safety.model.oracle_results import Flag
 from wil_campaign.vehicles.links.link import Link
 from wil_campaign.vehicles.links.link_factory import open_link
 from wil_campaign.vehicles.links.link_strings import parse_link
-from wil_campaign.vehicles.mavlink.codec import Codec
+from wil_campaign.vehicles.mavlink.codec import MavlinkCodec
 
 Threat = Literal["none", "low", "high"]
 _THREATS: dict[Threat, int] = {
@@ -29,7 +29,7 @@ _THREATS: dict[Threat, int] = {
 }
 
 
-def collision(
+def collision_message(
     *,
     thing_id: int,
     threat: Threat,
@@ -70,11 +70,11 @@ class GroundStation:
         self.link = link
         self._cameras = cameras
         self._codecs = {
-            camera.component_id: Codec(system_id=system_id, component_id=camera.component_id)
+            camera.component_id: MavlinkCodec(system_id=system_id, component_id=camera.component_id)
             for camera in cameras
         }
-        self._contacts = Codec(system_id=system_id, component_id=_COMPANION)
-        self._reader = Codec(system_id=system_id, component_id=_COMPANION)
+        self._contacts = MavlinkCodec(system_id=system_id, component_id=_COMPANION)
+        self._reader = MavlinkCodec(system_id=system_id, component_id=_COMPANION)
         link.receive(self._on_frame)
 
     async def run(self) -> None:
@@ -90,7 +90,7 @@ class GroundStation:
 
         object_id: of the touched object in the world.
         """
-        message = collision(
+        message = collision_message(
             thing_id=object_id,
             threat="high",
             time_to_closest_s=0.0,

@@ -64,7 +64,7 @@ class H264Settings:
         return split_parameter_sets(bytes(codec.extradata))
 
 
-def to_frame(image_bgr: BgrImage, pts: int) -> Any:
+def to_h264_frame(image_bgr: BgrImage, pts: int) -> Any:
     """Return an image as a frame for the encoder, cropped to even numbers of pixels."""
     height, width = image_bgr.shape[0] & ~1, image_bgr.shape[1] & ~1
     even = np.ascontiguousarray(image_bgr[:height, :width])

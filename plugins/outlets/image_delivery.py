@@ -26,7 +26,7 @@ class DeliveryCounts:
 
 
 @runtime_checkable
-class Delivery(Protocol):
+class ImageDelivery(Protocol):
     """An image delivery (protocol); an async context manager.
 
     `deliver` returns at once and never raises, whatever the receiver does: it never delays a

@@ -10,7 +10,7 @@ from wil_campaign.campaigns.values.sensor_setups import CameraSetup
 from wil_campaign.orchestrator.run_results.result_parts import ExternalResult, OutletResult
 from wil_campaign.orchestrator.state.observer import Observer
 from wil_campaign.orchestrator.state.run_setup import RunSetup
-from wil_campaign.plugins.outlets.image_delivery import Delivery
+from wil_campaign.plugins.outlets.image_delivery import ImageDelivery
 from wil_campaign.plugins.outlets.outlet_setups import DeliverySetups, ImageOutlet
 from wil_campaign.plugins.outlets.perceived_cameras import perceived_cameras
 from wil_campaign.plugins.outlets.rtp import rtp_delivery
@@ -23,19 +23,19 @@ _MOST_WAITING = 128
 
 
 @dataclass(frozen=True, slots=True)
-class Outlet:
+class OpenOutlet:
     """An outlet: a delivery, and which vehicle's sensor it sends, perceived or raw."""
 
-    delivery: Delivery
+    delivery: ImageDelivery
     sensor: str
     vehicle: str
     perceived: bool
 
 
-class Outlets(Observer):
+class RunOutlets(Observer):
     """All image outlets of one run."""
 
-    def __init__(self, outlets: Iterable[Outlet]) -> None:
+    def __init__(self, outlets: Iterable[OpenOutlet]) -> None:
         self._outlets = tuple(outlets)
 
     async def open(self, stack: AsyncExitStack) -> None:
@@ -78,12 +78,12 @@ class Outlets(Observer):
         return ExternalResult(outlets=tuple(_result(outlet.delivery) for outlet in self._outlets))
 
 
-def observe(setup: RunSetup, given: DeliverySetups, _events: Mapping[str, float]) -> Outlets:
+def observe(setup: RunSetup, given: DeliverySetups, _events: Mapping[str, float]) -> RunOutlets:
     """Return the image outlets of a run."""
-    return Outlets(_outlets(setup, given))
+    return RunOutlets(_outlets(setup, given))
 
 
-def _outlets(setup: RunSetup, given: DeliverySetups) -> Iterator[Outlet]:
+def _outlets(setup: RunSetup, given: DeliverySetups) -> Iterator[OpenOutlet]:
     there = {vehicle.name: vehicle for vehicle in setup.with_sensors}
     for outlet in given.outlets:
         perceived = outlet.of == "perceived"
@@ -91,7 +91,7 @@ def _outlets(setup: RunSetup, given: DeliverySetups) -> Iterator[Outlet]:
         if name not in there:
             continue
         if outlet.sensor not in {camera.name for camera in there[name].cameras}:
-            yield Outlet(_reading_delivery(outlet), outlet.sensor, name, perceived)
+            yield OpenOutlet(_reading_delivery(outlet), outlet.sensor, name, perceived)
             continue
         cameras = {camera.name: camera for camera in there[name].cameras}
         if perceived:
@@ -100,15 +100,17 @@ def _outlets(setup: RunSetup, given: DeliverySetups) -> Iterator[Outlet]:
         camera = cameras[outlet.sensor]
         sdp = setup.order.folder / f"{outlet.sensor}-{outlet.of}.sdp"
         delivery = image_delivery(outlet, camera, sdp_path=sdp)
-        yield Outlet(delivery, outlet.sensor, name, perceived)
+        yield OpenOutlet(delivery, outlet.sensor, name, perceived)
 
 
-def _reading_delivery(outlet: ImageOutlet) -> Delivery:
+def _reading_delivery(outlet: ImageOutlet) -> ImageDelivery:
     """Return the delivery of a sensor that is no camera: some of them send hundreds a second."""
     return ZmqDelivery(address=outlet.address, topic=outlet.topic, depth=_MOST_WAITING)
 
 
-def image_delivery(outlet: ImageOutlet, camera: CameraSetup, *, sdp_path: Path | None) -> Delivery:
+def image_delivery(
+    outlet: ImageOutlet, camera: CameraSetup, *, sdp_path: Path | None
+) -> ImageDelivery:
     """Return the delivery of an image outlet, for a camera's image size and rate."""
     size = camera.intrinsics
     if outlet.kind == "zmq":
@@ -132,7 +134,7 @@ def image_delivery(outlet: ImageOutlet, camera: CameraSetup, *, sdp_path: Path |
     )
 
 
-def _result(delivery: Delivery) -> OutletResult:
+def _result(delivery: ImageDelivery) -> OutletResult:
     counts = delivery.counts
     return OutletResult(
         name=delivery.name,

@@ -7,7 +7,7 @@ from typing import Literal
 from wil_campaign.campaigns.schema import Mode, VehicleName
 from wil_campaign.campaigns.setup.case_files import CaseFiles
 from wil_campaign.campaigns.setup.case_setup import FLIES, Case, ObserverSetup
-from wil_campaign.foundation.files.documents import Path, Problem, closest
+from wil_campaign.foundation.files.documents import Path, Problem, closest_word
 from wil_campaign.recipes.working import Side
 
 
@@ -87,10 +87,14 @@ def _outlet(
         yield files.campaign.problem((*path, "sensor"), message)
     elif outlet.kind == "zmq":
         message = f"vehicle '{wanted}' has no sensor '{outlet.sensor}'"
-        yield files.campaign.problem((*path, "sensor"), message, closest(outlet.sensor, sensors))
+        yield files.campaign.problem(
+            (*path, "sensor"), message, closest_word(outlet.sensor, sensors)
+        )
     else:
         message = f"vehicle '{wanted}' has no camera '{outlet.sensor}'"
-        yield files.campaign.problem((*path, "sensor"), message, closest(outlet.sensor, cameras))
+        yield files.campaign.problem(
+            (*path, "sensor"), message, closest_word(outlet.sensor, cameras)
+        )
 
 
 def _vehicle_of(outlet: ImageOutlet, mode: Mode) -> VehicleName:

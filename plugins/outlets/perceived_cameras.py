@@ -6,7 +6,7 @@ from wil_campaign.campaigns.schema import Mode, VehicleName
 from wil_campaign.campaigns.setup.case_setup import Case
 from wil_campaign.campaigns.values.sensor_setups import CameraSetup, SensorSetup
 from wil_campaign.recipes.model.recipe import Combination, Recipe
-from wil_campaign.recipes.pipeline.shape_check import blank_mixture, blank_of
+from wil_campaign.recipes.pipeline.shape_check import blank_mixture, blank_reading_of
 from wil_campaign.recipes.working import SIDES
 from wil_campaign.vehicles.readings import CameraReading
 
@@ -32,7 +32,7 @@ def _mixed_camera(case: Case, recipe: Recipe, combination: Combination) -> Camer
     camera = carried["real"]
     if sensor.kind != "camera" or not isinstance(camera, CameraSetup):
         return None
-    readings = ((side, blank_of(one, side)) for side, one in carried.items())
+    readings = ((side, blank_reading_of(one, side)) for side, one in carried.items())
     blank = {side: reading for side, reading in readings if reading is not None}
     mixture = blank_mixture(combination, blank, recipe.document.path.parent)
     return replace(

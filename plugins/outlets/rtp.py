@@ -5,8 +5,8 @@ from typing import Any
 
 import av
 
-from wil_campaign.foundation.files.document_writer import write_whole
-from wil_campaign.plugins.outlets.h264_encoder import RTP_CLOCK, H264Settings, to_frame
+from wil_campaign.foundation.files.document_writer import write_atomically
+from wil_campaign.plugins.outlets.h264_encoder import RTP_CLOCK, H264Settings, to_h264_frame
 from wil_campaign.plugins.outlets.image_delivery import DeliveryError
 from wil_campaign.plugins.outlets.sdp import RtpAddress, h264_sdp
 from wil_campaign.plugins.outlets.threaded_delivery import ThreadedDelivery
@@ -77,7 +77,7 @@ class RtpSink:
             )
         self._last_pts = pts
         try:
-            self._container.mux(self._stream.encode(to_frame(reading.image_bgr, pts)))
+            self._container.mux(self._stream.encode(to_h264_frame(reading.image_bgr, pts)))
         except (av.error.FFmpegError, OSError) as error:
             raise DeliveryError(f"{self.name}: image not sent: {error}") from error
 
@@ -91,7 +91,7 @@ class RtpSink:
             return
         sets = self._settings.parameter_sets(width, height)
         sdp = h264_sdp(self._address, parameter_sets=sets, rate_hz=float(self._settings.rate))
-        write_whole(self._sdp_path, sdp)
+        write_atomically(self._sdp_path, sdp)
 
 
 def rtp_delivery(

@@ -12,7 +12,7 @@ from wil_campaign.vehicles.readings import Reading
 _CLOSING_LIMIT_S = 2.0
 
 
-class Sink(Protocol):
+class DeliverySink(Protocol):
     """A sink of a threaded delivery (protocol): sends images; blocking; used by one thread."""
 
     @property
@@ -35,7 +35,7 @@ class ThreadedDelivery:
     depth: how many images may wait; a further one replaces the oldest.
     """
 
-    def __init__(self, *, sink: Sink, depth: int = 2) -> None:
+    def __init__(self, *, sink: DeliverySink, depth: int = 2) -> None:
         self.name = sink.name
         self._sink = sink
         self._depth = depth

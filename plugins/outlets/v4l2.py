@@ -7,7 +7,7 @@ from typing import Any
 
 import av
 
-from wil_campaign.plugins.outlets.h264_encoder import to_frame
+from wil_campaign.plugins.outlets.h264_encoder import to_h264_frame
 from wil_campaign.plugins.outlets.image_delivery import DeliveryError
 from wil_campaign.plugins.outlets.threaded_delivery import ThreadedDelivery
 from wil_campaign.vehicles.readings import CameraReading
@@ -51,7 +51,7 @@ class V4l2Sink:
                 f"{self.name}: image not sent: its size {width}x{height} does not fit the device's "
                 f"{self._size[0]}x{self._size[1]}"
             )
-        frame = to_frame(reading.image_bgr, self._count)
+        frame = to_h264_frame(reading.image_bgr, self._count)
         frame.time_base = 1 / self._rate
         self._count += 1
         try:

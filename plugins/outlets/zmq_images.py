@@ -4,13 +4,13 @@ import zmq
 
 from wil_campaign.plugins.outlets.image_delivery import DeliveryError
 from wil_campaign.plugins.outlets.threaded_delivery import ThreadedDelivery
-from wil_campaign.plugins.readings.messagepack import pack
+from wil_campaign.plugins.readings.messagepack import pack_header
 from wil_campaign.plugins.readings.written_reading import written_reading
 from wil_campaign.plugins.simulator.image_parts import (
     Buffer,
-    encode_depth,
-    encode_ids,
-    encode_image,
+    encode_depth_part,
+    encode_ids_part,
+    encode_image_part,
 )
 from wil_campaign.plugins.simulator.simulator_protocol import PROTOCOL
 from wil_campaign.vehicles.readings import CameraReading, Reading
@@ -24,12 +24,16 @@ def published_parts(
     Raises ValueError for an unknown encoding.
     """
     parts: list[tuple[str, str, Buffer]] = [
-        ("image", encoding, encode_image(reading.image_bgr, encoding, jpeg_quality=jpeg_quality))
+        (
+            "image",
+            encoding,
+            encode_image_part(reading.image_bgr, encoding, jpeg_quality=jpeg_quality),
+        )
     ]
     if reading.depth_m is not None:
-        parts.append(("depth", "f32", encode_depth(reading.depth_m)))
+        parts.append(("depth", "f32", encode_depth_part(reading.depth_m)))
     if reading.object_ids is not None:
-        parts.append(("ids", "u8", encode_ids(reading.object_ids)))
+        parts.append(("ids", "u8", encode_ids_part(reading.object_ids)))
     i, pose = reading.intrinsics, reading.camera_pose
     header = {
         "protocol": PROTOCOL,
@@ -52,7 +56,7 @@ def published_parts(
         },
         "parts": [{"name": name, "encoding": how} for name, how, _ in parts],
     }
-    return [topic.encode(), pack(header), *(data for _, _, data in parts)]
+    return [topic.encode(), pack_header(header), *(data for _, _, data in parts)]
 
 
 class ZmqSink:

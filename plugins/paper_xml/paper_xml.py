@@ -20,37 +20,37 @@ from wil_campaign.foundation.files.documents import (
     BadInput,
     Document,
     Problem,
-    closest,
-    parse_value,
+    closest_word,
+    parse_option_value,
 )
 from wil_campaign.foundation.files.paths import is_file
 from wil_campaign.foundation.files.yaml_nodes import (
     MAX_DEPTH,
     Data,
-    Entry,
-    Node,
-    Place,
-    Source,
+    YamlEntry,
+    YamlNode,
+    YamlPlace,
+    YamlSource,
     mapping_node,
-    plain,
+    plain_value_of_node,
     sequence_node,
 )
-from wil_campaign.recipes.model.registry import Stage, find, resembling
+from wil_campaign.recipes.model.registry import Stage, find_step, resembling_step
 
 
 @dataclass(slots=True)
-class Element:
+class XmlElement:
     """An XML element with places. text: all text in it, trimmed; text_place: where that begins."""
 
     tag: str
     attributes: dict[str, str]
-    place: Place
-    children: list["Element"] = field(default_factory=list)
+    place: YamlPlace
+    children: list["XmlElement"] = field(default_factory=list)
     text: str = ""
-    text_place: Place | None = None
+    text_place: YamlPlace | None = None
 
 
-def parse_xml(content: bytes, source: Source) -> Element:
+def parse_xml(content: bytes, source: YamlSource) -> XmlElement:
     """Return the root element of an XML text. Raises BadInput.
 
     Raises BadInput for what is not well-formed, has a document type, or is nested too deep.
@@ -59,38 +59,38 @@ def parse_xml(content: bytes, source: Source) -> Element:
     try:
         builder.parser.Parse(content, True)
     except expat.ExpatError as error:
-        place = Place(source, error.lineno, error.offset + 1)
+        place = YamlPlace(source, error.lineno, error.offset + 1)
         message = f"not XML: {expat.errors.messages[error.code]}"
         raise BadInput([place.problem(message)]) from error
     except (ValueError, LookupError) as error:
-        raise BadInput([Place(source).problem(f"not XML: {error}")]) from error
+        raise BadInput([YamlPlace(source).problem(f"not XML: {error}")]) from error
     if builder.root is None:
-        raise BadInput([Place(source).problem("is empty")])
+        raise BadInput([YamlPlace(source).problem("is empty")])
     return builder.root
 
 
 class _Builder:
     """Builds the tree of XML elements from expat's events."""
 
-    def __init__(self, source: Source) -> None:
-        self.root: Element | None = None
+    def __init__(self, source: YamlSource) -> None:
+        self.root: XmlElement | None = None
         self.parser = expat.ParserCreate()
         self._source = source
-        self._open: list[Element] = []
+        self._open: list[XmlElement] = []
         self.parser.StartElementHandler = self._start
         self.parser.EndElementHandler = self._end
         self.parser.CharacterDataHandler = self._text
         self.parser.StartDoctypeDeclHandler = self._doctype
 
-    def _place(self) -> Place:
+    def _place(self) -> YamlPlace:
         column = self.parser.CurrentColumnNumber + 1
-        return Place(self._source, self.parser.CurrentLineNumber, column)
+        return YamlPlace(self._source, self.parser.CurrentLineNumber, column)
 
     def _start(self, tag: str, attributes: dict[str, str]) -> None:
         """Open an XML element. Raises BadInput when nested too deep."""
         if len(self._open) >= MAX_DEPTH:
             raise BadInput([self._place().problem(f"nested more than {MAX_DEPTH} deep")])
-        element = Element(tag, attributes, self._place())
+        element = XmlElement(tag, attributes, self._place())
         if self._open:
             self._open[-1].children.append(element)
         else:
@@ -108,7 +108,7 @@ class _Builder:
             here = self._place()
             skipped = len(text) - len(text.lstrip())
             column = here.column + (0 if "\n" in text[:skipped] else skipped)
-            element.text_place = Place(here.source, here.line, column)
+            element.text_place = YamlPlace(here.source, here.line, column)
         element.text += text
 
     def _doctype(self, *_: object) -> None:
@@ -156,7 +156,7 @@ def parse_paper_xml(content: bytes, *, name: str, path: Path | None = None) -> D
     Steps and sensors are checked by `load_recipe`, with places in the XML.
     """
     lines = tuple(content.decode("utf-8", "replace").splitlines())
-    source = Source(name, lines)
+    source = YamlSource(name, lines)
     root = parse_xml(content, source)
     reader = _Reader(path if path is not None else Path(name))
     node = reader.recipe(root)
@@ -172,12 +172,12 @@ class _Reader:
         self.path = path
         self.problems: list[Problem] = []
 
-    def recipe(self, root: Element) -> Node:
+    def recipe(self, root: XmlElement) -> YamlNode:
         """Return the whole XML recipe in its YAML form."""
         if root.tag != "recipe_file":
             self._note(root.place, f"the outermost tag is <{root.tag}>, not <recipe_file>")
-        sensors: dict[str, Entry] = {}
-        combinations: list[Node] = []
+        sensors: dict[str, YamlEntry] = {}
+        combinations: list[YamlNode] = []
         for child in root.children:
             if child.tag == "AS_sensors":
                 for sensor in child.children:
@@ -188,27 +188,27 @@ class _Reader:
                 self._unknown(child, ("AS_sensors", "combine"))
         entries = {"schema": _entry("wil/recipe/1", root.place)}
         entries |= self._attributes(root, ())
-        entries["sensors"] = Entry(root.place, mapping_node(sensors, root.place))
-        entries["combine"] = Entry(root.place, sequence_node(tuple(combinations), root.place))
+        entries["sensors"] = YamlEntry(root.place, mapping_node(sensors, root.place))
+        entries["combine"] = YamlEntry(root.place, sequence_node(tuple(combinations), root.place))
         return mapping_node(entries, root.place)
 
-    def _sensor(self, element: Element, sensors: dict[str, Entry]) -> None:
+    def _sensor(self, element: XmlElement, sensors: dict[str, YamlEntry]) -> None:
         kind = _TYPES.get(element.tag.lower().replace("_", ""))
         if kind is None:
-            meant = closest(element.tag, [*_TYPES])
+            meant = closest_word(element.tag, [*_TYPES])
             self._note(element.place, f"<{element.tag}> is not a sensor", meant)
             return
         name = self._id(element)
         if name in sensors:
             self._note(element.place, f"sensor '{name}' is declared twice")
         entries = {"type": _entry(kind, element.place)} | self._attributes(element, ("id",))
-        sensors[name] = Entry(element.place, mapping_node(entries, element.place))
+        sensors[name] = YamlEntry(element.place, mapping_node(entries, element.place))
 
-    def _combination(self, element: Element) -> Node:
+    def _combination(self, element: XmlElement) -> YamlNode:
         """Return the combination of an XML element: its steps by stage, and its merge."""
         entries = {"sensor": _entry(self._id(element), element.place)}
         entries |= self._attributes(element, ("id",))
-        found: dict[Stage, list[Node]] = {"transform": [], "filter": [], "merge": []}
+        found: dict[Stage, list[YamlNode]] = {"transform": [], "filter": [], "merge": []}
         for child in element.children:
             stage = _STAGES.get(child.tag)
             if stage is None:
@@ -219,51 +219,51 @@ class _Reader:
             found[stage].append(self._step(child, stage))
         for listed in _LISTED:
             steps = tuple(found[listed])
-            entries[listed] = Entry(element.place, sequence_node(steps, element.place))
+            entries[listed] = YamlEntry(element.place, sequence_node(steps, element.place))
         if found["merge"]:
             merge = found["merge"][0]
-            entries["merge"] = Entry(merge.place, merge)
+            entries["merge"] = YamlEntry(merge.place, merge)
         return mapping_node(entries, element.place)
 
-    def _step(self, element: Element, stage: Stage) -> Node:
+    def _step(self, element: XmlElement, stage: Stage) -> YamlNode:
         """Return the step that a file name in the XML recipe denotes."""
         place = element.text_place or element.place
         file = element.text
         given = self._attributes(element, ())
         if not file.endswith(".py"):
             self._note(place, f"<{stage}> names a file.py, not '{file}'")
-            return Node(None, place)
+            return YamlNode(None, place)
         if is_file(self.path.parent / file):
             return _own(file, stage, given, place)
         stem = file[: -len(".py")]
         name, defaults = _PAPERS_OWN.get(stem, (stem, MappingProxyType({})))
-        kind = find(name, stage)
+        kind = find_step(name, stage)
         if kind is None or kind.stage != stage:
             message = (
                 f"there is no file '{file}' beside the recipe, and no built-in {stage} '{stem}'"
             )
-            papers = closest(stem, _PAPERS_OWN)
-            self._note(place, message, f"{papers}.py" if papers else resembling(stem, stage))
-            return Node(None, place)
+            papers = closest_word(stem, _PAPERS_OWN)
+            self._note(place, message, f"{papers}.py" if papers else resembling_step(stem, stage))
+            return YamlNode(None, place)
         parameters = {key: _entry(value, place) for key, value in defaults.items()} | given
         if not parameters:
-            return Node(name, place)
-        return mapping_node({name: Entry(place, mapping_node(parameters, place))}, place)
+            return YamlNode(name, place)
+        return mapping_node({name: YamlEntry(place, mapping_node(parameters, place))}, place)
 
-    def _id(self, element: Element) -> str:
+    def _id(self, element: XmlElement) -> str:
         """Return the id of an XML element; a missing one is noted."""
         name = element.attributes.get("id", "").strip()
         if not name:
             self._note(element.place, f"<{element.tag}> needs an id")
         return name
 
-    def _attributes(self, element: Element, without: tuple[str, ...]) -> dict[str, Entry]:
-        found: dict[str, Entry] = {}
+    def _attributes(self, element: XmlElement, without: tuple[str, ...]) -> dict[str, YamlEntry]:
+        found: dict[str, YamlEntry] = {}
         for key, text in element.attributes.items():
             if key in without:
                 continue
             try:
-                value = plain(parse_value(text, name=key).node)
+                value = plain_value_of_node(parse_option_value(text, name=key).node)
             except BadInput as error:
                 message = f"attribute '{key}': {error.problems[0].message}"
                 self._note(element.place, message)
@@ -271,33 +271,33 @@ class _Reader:
             found[key] = _entry(value, element.place)
         return found
 
-    def _unknown(self, element: Element, known: tuple[str, ...]) -> None:
+    def _unknown(self, element: XmlElement, known: tuple[str, ...]) -> None:
         """Note an unknown tag of the XML recipe."""
-        self._note(element.place, f"unknown tag <{element.tag}>", closest(element.tag, known))
+        self._note(element.place, f"unknown tag <{element.tag}>", closest_word(element.tag, known))
 
-    def _note(self, place: Place, message: str, suggestion: str = "") -> None:
+    def _note(self, place: YamlPlace, message: str, suggestion: str = "") -> None:
         self.problems.append(place.problem(message, suggestion))
 
 
-def _own(file: str, stage: Stage, given: dict[str, Entry], place: Place) -> Node:
+def _own(file: str, stage: Stage, given: dict[str, YamlEntry], place: YamlPlace) -> YamlNode:
     """Return the XML recipe's step of a user's file; attributes other than `on` are its `with`."""
     entries = {"use": _entry(f"{file}:{stage}", place)}
     if "on" in given:
         entries["on"] = given.pop("on")
     if given:
-        entries["with"] = Entry(place, mapping_node(given, place))
+        entries["with"] = YamlEntry(place, mapping_node(given, place))
     return mapping_node(entries, place)
 
 
-def _entry(value: Data, place: Place) -> Entry:
+def _entry(value: Data, place: YamlPlace) -> YamlEntry:
     """Return a plain value of the XML recipe as an entry of the YAML form."""
-    return Entry(place, _node(value, place))
+    return YamlEntry(place, _node(value, place))
 
 
-def _node(value: Data, place: Place) -> Node:
+def _node(value: Data, place: YamlPlace) -> YamlNode:
     """Return a plain value of the XML recipe as a YAML node."""
     if isinstance(value, dict):
         return mapping_node({key: _entry(inner, place) for key, inner in value.items()}, place)
     if isinstance(value, list):
         return sequence_node(tuple(_node(inner, place) for inner in value), place)
-    return Node(value, place)
+    return YamlNode(value, place)

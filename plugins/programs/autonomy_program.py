@@ -16,7 +16,7 @@ from typing import Self
 import psutil
 
 from wil_campaign.foundation.processes.child import ChildProcess
-from wil_campaign.foundation.processes.last_output import last_output, with_interpreter
+from wil_campaign.foundation.processes.last_output import last_output, output_with_interpreter
 from wil_campaign.foundation.processes.process_memory import resident_mb
 from wil_campaign.vehicles.errors import VehicleError
 
@@ -169,7 +169,7 @@ class ExternalAutonomy:
         return self._make_exit(await self._child.wait(), ended_by_us=False)
 
     def _make_exit(self, returncode: int | None, *, ended_by_us: bool) -> ProgramExit:
-        tail = with_interpreter(
+        tail = output_with_interpreter(
             last_output(self._log_path),
             self._command,
             environment=self._environment,

@@ -8,11 +8,11 @@ from typing import Any, Literal
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from wil_campaign.safety.guard.core.frame_filter import ESTIMATES, is_harmless
-from wil_campaign.vehicles.autopilots.autopilot import Target
-from wil_campaign.vehicles.mavlink.codec import Codec
-from wil_campaign.vehicles.mavlink.fields import command_of
-from wil_campaign.vehicles.mavlink.framing import Frame
+from wil_campaign.safety.guard.core.frame_filter import ESTIMATES, is_harmless_frame
+from wil_campaign.vehicles.autopilots.autopilot import MavlinkTarget
+from wil_campaign.vehicles.mavlink.codec import MavlinkCodec
+from wil_campaign.vehicles.mavlink.fields import command_in_frame
+from wil_campaign.vehicles.mavlink.framing import MavlinkFrame
 from wil_campaign.vehicles.setpoints import Setpoints
 
 SETPOINTS = frozenset(
@@ -49,17 +49,17 @@ class CommandFilter:
     trouble: what the program does wrong, in words.
     """
 
-    def __init__(self, *, target: Target) -> None:
+    def __init__(self, *, target: MavlinkTarget) -> None:
         self._target = target
-        self._as_vehicle = Codec(system_id=target.system, component_id=target.component)
+        self._as_vehicle = MavlinkCodec(system_id=target.system, component_id=target.component)
         self.flying = False
         self.refused = 0
         self.steers_by: Setpoints | None = None
         self.trouble = ""
 
-    def judge(self, frame: Frame) -> Decision:
+    def judge(self, frame: MavlinkFrame) -> Decision:
         """Return whether a frame passes the filter: now, not yet, or never."""
-        command = command_of(frame)
+        command = command_in_frame(frame)
         number = None if command is None else command.number
         setpoint = self._setpoint(frame) if frame.message_id in SETPOINTS else None
         controls = setpoint is not None or number in _CONTROL_COMMANDS
@@ -69,7 +69,7 @@ class CommandFilter:
             answer = "pass" if self.flying else "later"
         elif frame.message_id in ESTIMATES:
             answer = "never"
-        elif is_harmless(frame, configures=False) and number not in _OUR_RATES:
+        elif is_harmless_frame(frame, configures=False) and number not in _OUR_RATES:
             answer = "pass"
         else:
             answer = "never"
@@ -78,7 +78,7 @@ class CommandFilter:
             self.steers_by = setpoint
         return answer
 
-    def _setpoint(self, frame: Frame) -> Setpoints | None:
+    def _setpoint(self, frame: MavlinkFrame) -> Setpoints | None:
         """Return the kind of setpoint for this vehicle in a frame; None for another vehicle."""
         message = self._as_vehicle.decode(frame)
         if message is None:
@@ -93,12 +93,12 @@ class CommandFilter:
             return "attitude"
         return "velocity" if message.type_mask & _NO_POSITION == _NO_POSITION else "position"
 
-    def refusal(self, frame: Frame, answer: Decision) -> bytes:
+    def refusal(self, frame: MavlinkFrame, answer: Decision) -> bytes:
         """Return the COMMAND_ACK that refuses a filtered command; empty for other messages.
 
         A program that waits for an acknowledgement must not wait for ever.
         """
-        command = command_of(frame)
+        command = command_in_frame(frame)
         if command is None:
             return b""
         result = (

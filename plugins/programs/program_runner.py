@@ -10,10 +10,10 @@ from typing import Self, cast
 
 from wil_campaign.campaigns.setup.autonomy_under_test import UnderTest
 from wil_campaign.campaigns.values.sensor_setups import CameraSetup
-from wil_campaign.foundation.processes.supervisor import supervised
-from wil_campaign.foundation.tasks import start, stop
+from wil_campaign.foundation.processes.supervisor import supervised_command
+from wil_campaign.foundation.tasks import start_task, stop_tasks
 from wil_campaign.orchestrator.run.perception.foreign_runner import ForeignRunner
-from wil_campaign.orchestrator.run.vehicles.pair import Pair
+from wil_campaign.orchestrator.run.vehicles.pair import VehiclePair
 from wil_campaign.orchestrator.run_results.result_parts import ProgramResult
 from wil_campaign.orchestrator.state.run_setup import RunSetup
 from wil_campaign.orchestrator.state.run_state import RunState
@@ -30,7 +30,7 @@ from wil_campaign.plugins.programs.command_filter import SETPOINTS, CommandFilte
 from wil_campaign.plugins.programs.program_autonomy import ProgramAutonomy
 from wil_campaign.plugins.programs.program_video import ProgramVideo
 from wil_campaign.safety.model.verdict import DecisiveKind
-from wil_campaign.vehicles.autopilots.autopilot import Target
+from wil_campaign.vehicles.autopilots.autopilot import MavlinkTarget
 from wil_campaign.vehicles.links.link_strings import LinkAddress
 from wil_campaign.vehicles.links.tapped import TappedLink
 from wil_campaign.vehicles.links.udp import UdpLink
@@ -62,7 +62,7 @@ class ProgramRunner(ForeignRunner):
         program: ProgramAutonomy,
         context: VehicleContext,
         link: TappedLink,
-        target: Target,
+        target: MavlinkTarget,
         camera: CameraSetup | None,
         run_state: RunState,
         folder: Path,
@@ -99,16 +99,16 @@ class ProgramRunner(ForeignRunner):
                 self._video = _video(self._camera, sdp)
                 await stack.enter_async_context(self._video.delivery)
             self._program = ExternalAutonomy(
-                command=supervised(self._command, parent=os.getpid(), grace_s=_GRACE_S),
+                command=supervised_command(self._command, parent=os.getpid(), grace_s=_GRACE_S),
                 environment=self._environment(sdp if self._video is not None else None),
                 log_path=self._folder / f"{self.context.name}-autonomy.log",
                 folder=self._under_test.folder,
             )
             await stack.enter_async_context(self._program)
-            self._ending = start(self._program.ended(), name="program's end")
+            self._ending = start_task(self._program.ended(), name="program's end")
             self._ending.add_done_callback(self._on_program_end)
-            watching = start(self._watch(self._program), name="program's memory and video")
-            stack.push_async_callback(stop, watching)
+            watching = start_task(self._watch(self._program), name="program's memory and video")
+            stack.push_async_callback(stop_tasks, watching)
             self._stack = stack.pop_all()
         return self
 
@@ -117,7 +117,7 @@ class ProgramRunner(ForeignRunner):
         if self._ending is not None:
             self._ending.remove_done_callback(self._on_program_end)
             try:
-                await stop(self._ending)
+                await stop_tasks(self._ending)
             finally:
                 await self._stack.aclose()
 
@@ -235,7 +235,7 @@ class ProgramRunner(ForeignRunner):
 
 
 def program_runner(
-    setup: RunSetup, pair: Pair, context: VehicleContext, run_state: RunState
+    setup: RunSetup, pair: VehiclePair, context: VehicleContext, run_state: RunState
 ) -> ProgramRunner:
     """Return the runner of a run's program on one vehicle."""
     under_test, vehicle = setup.case.under_test, setup.vehicle(context.name)
@@ -245,7 +245,7 @@ def program_runner(
         program=cast("ProgramAutonomy", under_test.foreign),
         context=context,
         link=pair.links[context.name],
-        target=Target(vehicle.system_id),
+        target=MavlinkTarget(vehicle.system_id),
         camera=next(iter(cameras), None),
         run_state=run_state,
         folder=setup.order.folder,

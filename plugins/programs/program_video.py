@@ -1,7 +1,7 @@
 """The video of an autonomy program: the images of one camera, and whether enough are sent."""
 
 from wil_campaign.orchestrator.run_results.result_parts import OutletResult
-from wil_campaign.plugins.outlets.image_delivery import Delivery, DeliveryCounts
+from wil_campaign.plugins.outlets.image_delivery import DeliveryCounts, ImageDelivery
 from wil_campaign.vehicles.readings import CameraReading, Reading
 
 _WINDOW_S = 2.0
@@ -17,7 +17,7 @@ class ProgramVideo:
     images.
     """
 
-    def __init__(self, *, sensor: str, period_s: float, delivery: Delivery) -> None:
+    def __init__(self, *, sensor: str, period_s: float, delivery: ImageDelivery) -> None:
         self.sensor = sensor
         self._window_s = max(_WINDOW_S, 2.0 * period_s)
         self.delivery = delivery

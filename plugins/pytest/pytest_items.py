@@ -14,7 +14,7 @@ import pytest
 
 from wil_campaign.campaigns.expansion.expansion import (
     Campaign,
-    Options,
+    ExpansionOptions,
     RunPlan,
     load_campaign,
     requested_bench,
@@ -52,7 +52,7 @@ class CampaignFile(pytest.File):
     def _load(self) -> Campaign:
         """Return the campaign by the session's options. Raises BadInput, CollectError."""
         option = self.config.getoption
-        options = Options(
+        options = ExpansionOptions(
             sets=tuple(option("--wil-set")),
             is_autonomy_isolated=True,
             benches=load_benches(map(Path, option("--wil-bench-file"))),

@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING
 
 import wil_campaign
 from wil_campaign.orchestrator.reading.errors import ResultsFolderError
-from wil_campaign.orchestrator.reading.results_folder import read_campaign
+from wil_campaign.orchestrator.reading.results_folder import read_campaign_documents
 from wil_campaign.orchestrator.run_results.campaign_results import Summary
 from wil_campaign.orchestrator.run_results.run_result import Percentiles, RunResult
 from wil_campaign.safety.model.oracle_results import OracleResult
-from wil_campaign.safety.oracles.contact import margin_beyond
+from wil_campaign.safety.oracles.contact import exceeded_margin_m
 
 if TYPE_CHECKING:
     from wil_campaign import Study
@@ -73,7 +73,7 @@ def read_results(folder: str | Path, *, exit_code: int | None = None) -> Campaig
 
     Raises ResultsFolderError for a folder without a readable summary.
     """
-    documents = read_campaign(Path(folder))
+    documents = read_campaign_documents(Path(folder))
     if documents.summary is None:
         reason = "; ".join(documents.problems) or "summary.json is missing"
         raise ResultsFolderError(f"{folder}: {reason}")
@@ -148,7 +148,7 @@ def _limits(oracle: OracleResult) -> tuple[float | None, float | None]:
     if isinstance(limit, tuple):
         return limit
     if limit is None or actual is None or margin is None:
-        is_lower = margin_beyond(oracle) is not None
+        is_lower = exceeded_margin_m(oracle) is not None
     elif margin == 0.0:
         is_lower = limit == 0.0 and oracle.unit == "m"
     else:

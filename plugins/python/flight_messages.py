@@ -9,7 +9,7 @@ from pydantic import Field, TypeAdapter
 
 from wil_campaign.foundation.files.document_writer import to_json
 from wil_campaign.orchestrator.campaign.flight_options import FlightOptions
-from wil_campaign.orchestrator.cli.run_selection import Choice
+from wil_campaign.orchestrator.cli.run_selection import RunSelection
 from wil_campaign.orchestrator.run_results.run_result import RunResult
 
 
@@ -18,7 +18,7 @@ class FlightRequest:
     """A request to fly the selected runs of a campaign file."""
 
     file: Path
-    choice: Choice
+    choice: RunSelection
     options: FlightOptions
 
 
@@ -31,7 +31,7 @@ class RunFinished:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Message:
+class CampaignMessage:
     """A sentence about the campaign for people."""
 
     text: str
@@ -56,7 +56,7 @@ class CampaignRefused:
     kind: Literal["refused"] = "refused"
 
 
-FlightMessage = RunFinished | Message | CampaignEnded | CampaignRefused
+FlightMessage = RunFinished | CampaignMessage | CampaignEnded | CampaignRefused
 
 
 @cache

@@ -17,21 +17,21 @@ from typing import BinaryIO, Self
 from wil_campaign.foundation.files.documents import BadInput
 from wil_campaign.orchestrator.campaign.campaign_runner import fly_campaign
 from wil_campaign.orchestrator.campaign.display_thread import DisplayThread
-from wil_campaign.orchestrator.campaign.folder.campaign_folder import OutputError, TakenError
+from wil_campaign.orchestrator.campaign.folder.campaign_folder import FolderTakenError, OutputError
 from wil_campaign.orchestrator.campaign.resuming.unchanged_campaign import ResumeError
 from wil_campaign.orchestrator.campaign.workers.run_engine import LOCAL, EngineError
 from wil_campaign.orchestrator.campaign.workers.run_server import start_run_server
-from wil_campaign.orchestrator.cli.arming_consent import RefusedError
+from wil_campaign.orchestrator.cli.arming_consent import FlightRefusedError
 from wil_campaign.orchestrator.cli.engine_flight import ready_flight
 from wil_campaign.orchestrator.cli.final_report import write_final_report
 from wil_campaign.orchestrator.operator.errors import OperatingError
-from wil_campaign.orchestrator.operator.run_messages import Progress
+from wil_campaign.orchestrator.operator.run_messages import RunProgressReport
 from wil_campaign.orchestrator.run_results.run_result import RunResult
 from wil_campaign.plugins.python.flight_messages import (
     CampaignEnded,
+    CampaignMessage,
     CampaignRefused,
     FlightMessage,
-    Message,
     RunFinished,
     decode_request,
     encode_line,
@@ -51,7 +51,7 @@ class MessageWatcher:
     def __exit__(self, *_: object) -> None:
         pass
 
-    def progress(self, progress: Progress) -> None:
+    def progress(self, progress: RunProgressReport) -> None:
         """Send nothing: programs receive finished runs only."""
 
     def finished(self, result: RunResult) -> None:
@@ -60,7 +60,7 @@ class MessageWatcher:
 
     def say(self, text: str) -> None:
         """Send a sentence about the campaign."""
-        self.send(Message(text=text))
+        self.send(CampaignMessage(text=text))
 
     def settle(self) -> None:
         """Wait for nothing: a call ends when all is sent."""
@@ -80,10 +80,10 @@ Fly = Callable[[bytes, MessageWatcher], CampaignEnded]
 
 def main() -> int:
     """Fly the campaign that is requested on standard input."""
-    return serve(_fly_campaign)
+    return serve_flight_request(_fly_campaign)
 
 
-def serve(fly: Fly) -> int:
+def serve_flight_request(fly: Fly) -> int:
     """Fly what is requested on standard input, and send its messages to standard output."""
     commands = os.fdopen(os.dup(sys.stdin.fileno()), "rb")
     watcher = MessageWatcher(os.fdopen(os.dup(sys.stdout.fileno()), "wb"))
@@ -111,11 +111,11 @@ def _fly_to_end(fly: Fly, request: bytes, watcher: MessageWatcher) -> FlightMess
     """Fly a request; return the message about its end."""
     try:
         return fly(request, watcher)
-    except (RefusedError, EngineError) as error:
+    except (FlightRefusedError, EngineError) as error:
         return CampaignRefused(text=str(error), exit_code=error.code)
     except (BadInput, ResumeError, RuntimeFolderError) as error:
         return CampaignRefused(text=str(error), exit_code=2)
-    except (OutputError, OperatingError, TakenError) as error:
+    except (OutputError, OperatingError, FolderTakenError) as error:
         return CampaignRefused(text=str(error), exit_code=3)
     except KeyboardInterrupt:
         return CampaignRefused(text="interrupted before anything flew", exit_code=130)

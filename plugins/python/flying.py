@@ -15,18 +15,18 @@ from typing import Any, Self, TypeVar
 from pydantic import TypeAdapter, ValidationError
 from pydantic_core import ErrorDetails
 
-from wil_campaign.campaigns.expansion.expansion import Campaign, Options, requested_bench
+from wil_campaign.campaigns.expansion.expansion import Campaign, ExpansionOptions, requested_bench
 from wil_campaign.orchestrator.campaign.flight_options import USUAL, FlightOptions
 from wil_campaign.orchestrator.campaign.workers.run_engine import LOCAL
-from wil_campaign.orchestrator.cli.run_selection import ALL, Choice
+from wil_campaign.orchestrator.cli.run_selection import ALL, RunSelection
 from wil_campaign.orchestrator.run_results.run_result import RunResult
 from wil_campaign.plugins.python.campaign_results import CampaignResults, read_results
 from wil_campaign.plugins.python.flight_messages import (
     CampaignEnded,
+    CampaignMessage,
     CampaignRefused,
     FlightMessage,
     FlightRequest,
-    Message,
     RunFinished,
     decode_message,
     encode_request,
@@ -70,7 +70,7 @@ def run(
     Ctrl-C lands all vehicles, then raises KeyboardInterrupt; so does an exception of on_result or
     on_message, which is then raised. Raises BadInput for faults of files, CannotFlyError.
     """
-    request = _request(campaign, changed(options, overrides), bench_files)
+    request = _request(campaign, flight_options_with(options, overrides), bench_files)
     with FlightProcess(encode_request(request)) as process:
         return _flown(process, on_result or _ignore, on_message or _ignore)
 
@@ -89,14 +89,16 @@ async def run_async(
     on_result and on_message are called in the loop, which handles what they raise. A cancelled call
     lands all vehicles first, and raises CancelledError when they are down.
     """
-    request = await asyncio.to_thread(_request, campaign, changed(options, overrides), bench_files)
+    request = await asyncio.to_thread(
+        _request, campaign, flight_options_with(options, overrides), bench_files
+    )
     process = FlightProcess(encode_request(request))
-    return await await_landing(
-        process, _flown, in_loop(on_result or _ignore), in_loop(on_message or _ignore)
+    return await await_flight_landing(
+        process, _flown, call_in_loop(on_result or _ignore), call_in_loop(on_message or _ignore)
     )
 
 
-def changed(options: FlightOptions, overrides: Mapping[str, Any]) -> FlightOptions:
+def flight_options_with(options: FlightOptions, overrides: Mapping[str, Any]) -> FlightOptions:
     """Return options with some fields replaced; paths may be text, and any collection a tuple.
 
     Raises TypeError for a name that is no field, ValueError for a value that a field cannot have.
@@ -125,13 +127,15 @@ def _fault(found: ErrorDetails) -> str:
     return f"{found['loc'][0]}={found['input']!r}: {what}"
 
 
-def in_loop(call: Callable[[T], object]) -> Callable[[T], object]:
+def call_in_loop(call: Callable[[T], object]) -> Callable[[T], object]:
     """Return a function that makes a call in the present event loop, from another thread."""
     loop = asyncio.get_running_loop()
     return lambda value: loop.call_soon_threadsafe(partial(call, value))
 
 
-async def await_landing(process: "FlightProcess", wait: Callable[..., T], *arguments: object) -> T:
+async def await_flight_landing(
+    process: "FlightProcess", wait: Callable[..., T], *arguments: object
+) -> T:
     """Await a flight, in a thread that calls `wait`; at each cancellation, land it and wait on.
 
     Raises CancelledError then, from what the flight raises.
@@ -211,7 +215,7 @@ class FlightProcess:
                     raise CannotFlyError(text, code)
                 case RunFinished(result=result):
                     on_result(result)
-                case Message(text=text):
+                case CampaignMessage(text=text):
                     on_message(text)
         code = self._process.wait()
         raise CannotFlyError(f"the process that flew the campaign ended with code {code}", 3)
@@ -252,13 +256,13 @@ def _request(
     else:
         file = Path(campaign)
         asks = options.engine != LOCAL and not bench_files
-        if asks and requested_bench(file, Options()) is not None:
+        if asks and requested_bench(file, ExpansionOptions()) is not None:
             return FlightRequest(file=file, choice=ALL, options=options)
         campaign = load(file, bench_files=bench_files)
     known = {plan.name for plan in campaign.plans}
     if unknown := [name for name in options.runs or () if name not in known]:
         raise CannotFlyError(f"the campaign has no run '{unknown[0]}'", 2)
-    choice = Choice.of(campaign.options)
+    choice = RunSelection.of(campaign.options)
     return FlightRequest(file=campaign.document.path, choice=choice, options=options)
 
 

@@ -4,14 +4,14 @@ import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from wil_campaign.campaigns.expansion.expansion import Campaign, Options, load_campaign
+from wil_campaign.campaigns.expansion.expansion import Campaign, ExpansionOptions, load_campaign
 from wil_campaign.campaigns.schema import Mode
 from wil_campaign.campaigns.setup.bench_file import load_benches
 from wil_campaign.foundation.files.documents import BadInput, Problem
 from wil_campaign.orchestrator.campaign.reevaluation import Judgement, judge_campaign_again
 from wil_campaign.orchestrator.cli.commands.plan import plan_document
-from wil_campaign.orchestrator.cli.run_selection import Choice
-from wil_campaign.orchestrator.report.ordered_report import Report, write_ordered
+from wil_campaign.orchestrator.cli.run_selection import RunSelection
+from wil_campaign.orchestrator.report.ordered_report import Report, write_ordered_report
 
 
 def load(
@@ -31,12 +31,12 @@ def load(
     bench_files: benches of this machine, for a campaign that requests one. Raises BadInput with
     every problem of the file and of those that it names.
     """
-    choice = Choice(
+    choice = RunSelection(
         case=tuple(cases),
         mode=tuple(modes),
         repetitions=repetitions,
         seed=seed,
-        set_=settings_of(overrides),
+        set_=set_option_texts(overrides),
         bench_file=tuple(map(Path, bench_files)),
     )
     return load_campaign(Path(file), choice.options())
@@ -84,18 +84,18 @@ def judge(
     is loaded. cases to bench_files: as of `load`, and those of the flight. Raises BadInput, and
     RecordingError where the recordings cannot be judged by this file.
     """
-    selection = Options(
+    selection = ExpansionOptions(
         cases=tuple(cases),
         modes=tuple(modes),
         repetitions=repetitions,
-        sets=settings_of(overrides),
+        sets=set_option_texts(overrides),
         loads_code=False,
         benches=load_benches(tuple(map(Path, bench_files))),
     )
     return judge_campaign_again(load_campaign(Path(file), selection), Path(folder))
 
 
-def settings_of(overrides: Mapping[str, object] | None) -> tuple[str, ...]:
+def set_option_texts(overrides: Mapping[str, object] | None) -> tuple[str, ...]:
     """Return overrides as of --set."""
     return tuple(f"{key}={json.dumps(value)}" for key, value in (overrides or {}).items())
 
@@ -120,4 +120,6 @@ def report(
     Raises ResultsFolderError for a folder without a campaign or an unknown run; OSError.
     """
     wanted = [name for name, is_wanted in (("card", card), ("gif", gif)) if is_wanted]
-    return write_ordered(folder, out=out, videos=videos, pictures=wanted, run=run, workers=workers)
+    return write_ordered_report(
+        folder, out=out, videos=videos, pictures=wanted, run=run, workers=workers
+    )

@@ -10,16 +10,16 @@ import numpy as np
 from mcap.records import Channel, Message, Metadata
 from numpy.typing import NDArray
 
-from wil_campaign.foundation.files.limited_json import loads_limited
+from wil_campaign.foundation.files.limited_json import loads_limited_json
 from wil_campaign.orchestrator.recording.errors import RecordingError
-from wil_campaign.orchestrator.recording.mcap.mcap_chunks import End, RecordStream
-from wil_campaign.orchestrator.recording.mcap.mcap_decode import decode
+from wil_campaign.orchestrator.recording.mcap.mcap_chunks import RecordStream, RecordStreamEnd
+from wil_campaign.orchestrator.recording.mcap.mcap_decode import decode_reading_message
 from wil_campaign.orchestrator.recording.recorded_images import (
     NotDrawnAgainError,
     RecordedImages,
 )
 from wil_campaign.vehicles.readings import Drawing, Reading, Source
-from wil_campaign.vehicles.readings.image_messages import image_of
+from wil_campaign.vehicles.readings.image_messages import image_of_message
 from wil_campaign.vehicles.readings.messages import Json
 from wil_campaign.vehicles.readings.traits import Parts
 from wil_campaign.worlds.camera import Intrinsics
@@ -76,7 +76,7 @@ class Recording:
     ) -> None:
         self._path = Path(path)
         self._not_drawn = not_drawn
-        self.end: End | None = None
+        self.end: RecordStreamEnd | None = None
         self.facts: Mapping[str, str] = {}
         self.counts: Mapping[str, str] = {}
 
@@ -111,10 +111,11 @@ class Recording:
     def arrays(self, sensor: str, source: Source = "real") -> Arrays:
         """Return the readings of one sensor as arrays by their fields: t_s (n,), range_m (n,), ...
 
-        All of them are in memory at once. A pose is a position and a quaternion (`arrays_of`).
-        Raises RecordingError where the recording has none of this sensor and source.
+        All of them are in memory at once. A pose is a position and a quaternion
+        (`arrays_of_readings`). Raises RecordingError where the recording has none of this sensor
+        and source.
         """
-        found = arrays_of(self.readings(sensor, source))
+        found = arrays_of_readings(self.readings(sensor, source))
         if not found:
             raise RecordingError(f"{self._path}: has no readings of '{sensor}' of {source}")
         return found
@@ -158,7 +159,7 @@ class _ImageDecoder:
 
     def keep(self, key: tuple[str, str, str], document: Json) -> None:
         """Keep a recorded part of an image."""
-        self._waiting[key] = (document["wil"]["seq"], image_of(document))
+        self._waiting[key] = (document["wil"]["seq"], image_of_message(document))
 
     def take(self, source: str, sensor: str, document: Json) -> Parts:
         """Return the parts of an image beside it, or all of one that is drawn again.
@@ -179,7 +180,7 @@ class _ImageDecoder:
 
 def _loads(data: bytes) -> Json:
     """Return a message's document. Raises ValueError, also for one that is too large."""
-    document: Json = loads_limited(data)
+    document: Json = loads_limited_json(data)
     return document
 
 
@@ -199,11 +200,11 @@ def _interpret(
         images.keep((source, sensor, part), document)
         return None
     wil = document["wil"]
-    reading = decode(document, images.take(source, sensor, document))
+    reading = decode_reading_message(document, images.take(source, sensor, document))
     return RecordedReading(sensor, reading, wil.get("exact", True))
 
 
-def arrays_of(readings: Iterable[Reading]) -> Arrays:
+def arrays_of_readings(readings: Iterable[Reading]) -> Arrays:
     """Return readings of one sensor by their fields, with the units and axes that these have.
 
     A number is (n,), a vector (n, 3), an image (n, height, width, ...). A pose of name `pose` is

@@ -16,14 +16,14 @@ from typing import Literal, Self
 from pydantic import ValidationError
 
 from wil_campaign.foundation.files.documents import BadInput
-from wil_campaign.foundation.processes.child import how_it_ended
+from wil_campaign.foundation.processes.child import exit_status_text
 from wil_campaign.foundation.processes.feed_socket import feed_environment, feed_pair
-from wil_campaign.foundation.tasks import finish
+from wil_campaign.foundation.tasks import finish_in_task
 from wil_campaign.plugins.python.standalone_settings import standalone_settings
 from wil_campaign.vehicles.autopilots.registry import autopilot_named
-from wil_campaign.vehicles.embedded.process.feed import MakeFault, to_vehicle
+from wil_campaign.vehicles.embedded.process.feed import FaultMessage, to_vehicle
 from wil_campaign.vehicles.embedded.process.process_settings import ProcessSettings
-from wil_campaign.vehicles.faults import Fault, FaultError, parse_fault
+from wil_campaign.vehicles.faults import FaultTextError, InjectedFault, parse_fault
 from wil_campaign.vehicles.links.link_strings import LinkAddress, parse_link
 
 _OTHER_END: dict[str, Literal["udpin", "udpout", "tcpin", "tcpout"]] = {
@@ -58,7 +58,7 @@ class MockVehicle:
         settings: ProcessSettings,
         *,
         port_is_free_choice: bool,
-        faults: Iterable[Fault],
+        faults: Iterable[InjectedFault],
         ready_within_s: float,
     ) -> None:
         self.autopilot = autopilot
@@ -134,7 +134,7 @@ class MockVehicle:
         output = self._end()
         if code:
             raise MockVehicleError(
-                f"the mock {self.autopilot} {how_it_ended(code)} while it was used:\n{output}"
+                f"the mock {self.autopilot} {exit_status_text(code)} while it was used:\n{output}"
             )
 
     def __enter__(self) -> Self:
@@ -153,7 +153,9 @@ class MockVehicle:
     async def __aenter__(self) -> Self:
         """Start the mock vehicle while the event loop runs. Raises MockVehicleError."""
         try:
-            await finish(asyncio.to_thread(self.start), name=f"start of a mock {self.autopilot}")
+            await finish_in_task(
+                asyncio.to_thread(self.start), name=f"start of a mock {self.autopilot}"
+            )
         except asyncio.CancelledError:
             self._end()
             raise
@@ -213,7 +215,7 @@ class MockVehicle:
                 if self._is_ready:
                     return
             if process.poll() is not None:
-                how = how_it_ended(process.returncode)
+                how = exit_status_text(process.returncode)
                 raise MockVehicleError(
                     f"the mock {self.autopilot} at {self._settings.link} did not start, it {how}:\n"
                     f"{self.output}"
@@ -223,14 +225,14 @@ class MockVehicle:
             f"start after installation compiles; give a longer ready_within_s):\n{self.output}"
         )
 
-    def _inject(self, fault: Fault) -> None:
+    def _inject(self, fault: InjectedFault) -> None:
         """Send a fault to the process. Raises MockVehicleError if it does not run."""
         if self._feed is None or not self._is_ready or self.pid is None:
             raise MockVehicleError(
                 f"the mock {self.autopilot} does not run: no fault can be injected"
             )
         self._seq += 1
-        self._feed.send(to_vehicle.encode(MakeFault(self._seq, str(fault))))
+        self._feed.send(to_vehicle.encode(FaultMessage(self._seq, str(fault))))
 
     def _end(self) -> str:
         """End the process, if necessary by SIGKILL, and return its output."""
@@ -303,10 +305,10 @@ def mock_vehicle(
     )
 
 
-def _parse_fault(text: str) -> Fault:
+def _parse_fault(text: str) -> InjectedFault:
     fault = parse_fault(text)
     if fault.name == "camera":
-        raise FaultError(f"{text!r}: a mock vehicle has no camera")
+        raise FaultTextError(f"{text!r}: a mock vehicle has no camera")
     return fault
 
 

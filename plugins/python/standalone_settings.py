@@ -4,9 +4,9 @@ import time
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
-from wil_campaign.foundation.files.documents import closest, load
+from wil_campaign.foundation.files.documents import closest_word, load_document
 from wil_campaign.vehicles.embedded.autopilot.known_parameters import known_parameters
-from wil_campaign.vehicles.embedded.physics.contact_world import as_argument
+from wil_campaign.vehicles.embedded.physics.contact_world import contact_world_argument
 from wil_campaign.vehicles.embedded.process.process_settings import (
     ContactWorldSettings,
     ProcessSettings,
@@ -61,14 +61,14 @@ def check_parameter(autopilot: str, name: str) -> None:
     """Raise ValueError for a parameter that the embedded autopilot does not have."""
     known = known_parameters(autopilot)
     if name not in known:
-        meant = closest(name, known)
+        meant = closest_word(name, known)
         hint = f"; did you mean '{meant}'?" if meant else ""
         raise ValueError(f"the embedded {autopilot} has no parameter '{name}'{hint}")
 
 
 def _in_world(settings: ProcessSettings, file: Path) -> ProcessSettings:
     """Return a vehicle's settings with a world's origin and obstacles. Raises BadInput."""
-    document = load(file)
+    document = load_document(file)
     frame = World.parse(document).frame
     return settings.model_copy(
         update={
@@ -77,7 +77,7 @@ def _in_world(settings: ProcessSettings, file: Path) -> ProcessSettings:
             "altitude_m": frame.altitude_m,
             "contact_world": ContactWorldSettings(
                 use="wil_campaign.vehicles.embedded.physics.contact_world:from_argument",
-                argument=as_argument(document, "real", "W"),
+                argument=contact_world_argument(document, "real", "W"),
             ),
         }
     )

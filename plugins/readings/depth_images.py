@@ -21,14 +21,14 @@ _FORMATS = {"16UC1": "u2", "mono16": "u2", "32FC1": "f4"}
 """NumPy's format by the encoding of sensor_msgs/Image."""
 
 
-def metres_of(millimetres: NDArray[Any], scale_m: float = 1e-3) -> DepthImage:
+def metres_of_depths(millimetres: NDArray[Any], scale_m: float = 1e-3) -> DepthImage:
     """Return distances of whole numbers as metres; 0 is infinity. scale_m: of one."""
     depth_m = millimetres.astype(np.float32) * np.float32(scale_m)
     depth_m[millimetres == 0] = np.inf
     return depth_m
 
 
-def check_camera(
+def check_depth_camera(
     camera: Intrinsics, *, width_px: int, height_px: int, fx_px: float | None = None
 ) -> None:
     """Raise BadMessageError for an image that a camera of the campaign cannot have taken.
@@ -50,7 +50,7 @@ def check_camera(
 def ros_depth(message: Any, camera: Intrinsics) -> DepthImage:
     """Return the depth image of a decoded sensor_msgs/Image. Raises BadMessageError, ValueError."""
     width_px, height_px, step = int(message.width), int(message.height), int(message.step)
-    check_camera(camera, width_px=width_px, height_px=height_px)
+    check_depth_camera(camera, width_px=width_px, height_px=height_px)
     if (kind := _FORMATS.get(message.encoding)) is None:
         raise BadMessageError(
             f"its encoding is {message.encoding!r:.40}: depth is 16UC1 (millimetres) or 32FC1 "
@@ -63,7 +63,7 @@ def ros_depth(message: Any, camera: Intrinsics) -> DepthImage:
     used = rows.reshape(height_px, step)[:, : width_px * pixel.itemsize]
     values = np.ascontiguousarray(used).view(pixel)
     if pixel.kind == "u":
-        return metres_of(values)
+        return metres_of_depths(values)
     if np.isnan(values).all():
         raise BadMessageError("all of its distances are NaN")
     # REP 117: -inf is nearer than what is measured.

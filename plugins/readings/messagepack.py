@@ -15,7 +15,7 @@ class BadMessageError(ValueError):
     """A message that breaks its protocol; names the key and what is wrong with it."""
 
 
-class Header:
+class MessageHeader:
     """A MessagePack message's header map, with a reader for each kind of value.
 
     Every reader raises BadMessageError when the key is missing or its value is of another kind.
@@ -26,7 +26,9 @@ class Header:
         self._values = values
 
     @classmethod
-    def unpack(cls, data: bytes | memoryview, *, most_bytes: int = MAX_HEADER_BYTES) -> "Header":
+    def unpack(
+        cls, data: bytes | memoryview, *, most_bytes: int = MAX_HEADER_BYTES
+    ) -> "MessageHeader":
         """Return the header in MessagePack bytes. Raises BadMessageError."""
         if len(data) > most_bytes:
             raise BadMessageError(f"the header has {len(data)} bytes, more than {most_bytes}")
@@ -37,7 +39,7 @@ class Header:
         return cls.of(values)
 
     @classmethod
-    def of(cls, values: object) -> "Header":
+    def of(cls, values: object) -> "MessageHeader":
         """Return the header of a decoded value. Raises BadMessageError unless it is a map."""
         if not isinstance(values, dict):
             raise BadMessageError(f"the header is not a map but {type(values).__name__}")
@@ -119,23 +121,23 @@ class Header:
             raise self._wrong(key, f"whole numbers from {limits.min} to {limits.max}")
         return np.array(value, dtype)
 
-    def headers(self, key: str) -> tuple["Header", ...]:
+    def headers(self, key: str) -> tuple["MessageHeader", ...]:
         """Return a list of maps in the header."""
         value = self._get(key)
         if not isinstance(value, list | tuple):
             raise self._wrong(key, "a list of maps")
-        return tuple(Header.of(each) for each in value)
+        return tuple(MessageHeader.of(each) for each in value)
 
-    def header(self, key: str) -> "Header":
+    def header(self, key: str) -> "MessageHeader":
         """Return a map in the header."""
-        return Header.of(self._get(key))
+        return MessageHeader.of(self._get(key))
 
     def table(self, key: str) -> dict[str, float]:
         """Return a map of names to finite numbers in the header."""
         value = self._get(key)
         if not isinstance(value, dict):
             raise self._wrong(key, "a map")
-        inside = Header(value)
+        inside = MessageHeader(value)
         return {str(name): inside.number(name) for name in value}
 
     def texts(self, key: str) -> tuple[str, ...]:
@@ -155,7 +157,7 @@ class Header:
         return BadMessageError(f"`{key}` must be {wanted}, is {self._values.get(key)!r:.80}")
 
 
-def pack(values: Mapping[str, Any]) -> bytes:
+def pack_header(values: Mapping[str, Any]) -> bytes:
     """Return a header as MessagePack."""
     packed: bytes = msgpack.packb(values, use_bin_type=True)
     return packed

@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from wil_campaign.plugins.readings.depth_images import check_camera, metres_of
-from wil_campaign.plugins.readings.messagepack import BadMessageError, Header
+from wil_campaign.plugins.readings.depth_images import check_depth_camera, metres_of_depths
+from wil_campaign.plugins.readings.messagepack import BadMessageError, MessageHeader
 from wil_campaign.vehicles.readings import (
     DepthReading,
     GpsReading,
@@ -27,7 +27,7 @@ from wil_campaign.vehicles.readings import (
     Source,
     reading_types,
 )
-from wil_campaign.vehicles.readings.numbers import number_fields
+from wil_campaign.vehicles.readings.numbers import number_fields_of_reading
 from wil_campaign.worlds.camera import Intrinsics
 from wil_campaign.worlds.frames import Pose, Vec3, quat_normalize
 
@@ -41,7 +41,7 @@ _LEAST_WHOLE = -(2**63)
 
 
 @dataclass(frozen=True, slots=True)
-class Envelope:
+class ReadingEnvelope:
     """A message's fields beside its reading. sent_s: sampling, on the sender's clock."""
 
     sensor: str
@@ -51,7 +51,7 @@ class Envelope:
 
 
 @dataclass(frozen=True, slots=True)
-class Sampled:
+class SampleStamps:
     """When a message was sampled and when it arrived, on the run clock; side: of which vehicle.
 
     mount: the sensor's pose in the body's FRD frame, by the campaign. camera: the model of a depth
@@ -70,45 +70,45 @@ class Sampled:
         return self.t_s, self.arrived_s, 0, self.side
 
 
-def read_header(data: bytes | memoryview) -> Header:
+def read_header(data: bytes | memoryview) -> MessageHeader:
     """Return a message's map, from MessagePack or JSON. Raises BadMessageError."""
     if len(data) > MAX_READING_BYTES:
         raise BadMessageError(f"it has {len(data)} bytes, more than {MAX_READING_BYTES}")
     if bytes(data[:1]) != b"{":
-        return Header.unpack(data, most_bytes=MAX_READING_BYTES)
+        return MessageHeader.unpack(data, most_bytes=MAX_READING_BYTES)
     try:
-        return Header.of(json.loads(bytes(data)))
+        return MessageHeader.of(json.loads(bytes(data)))
     except (ValueError, RecursionError) as error:
         raise BadMessageError(f"it is not JSON: {error}") from error
 
 
-def read_envelope(header: Header) -> Envelope:
+def read_envelope(header: MessageHeader) -> ReadingEnvelope:
     """Return a message's fields beside its reading. Raises BadMessageError."""
     if header.text("protocol") != PROTOCOL:
         raise BadMessageError(f"it speaks {header.text('protocol')!r:.40}, we speak {PROTOCOL!r}")
-    return Envelope(
+    return ReadingEnvelope(
         header.text("sensor"), header.text("type"), header.whole("seq"), header.number("t_s")
     )
 
 
-def read_reading(header: Header, kind: str, when: Sampled) -> Reading:
+def read_reading(header: MessageHeader, kind: str, when: SampleStamps) -> Reading:
     """Return the reading in a message of a type of sensor. Raises BadMessageError."""
     reader = _READERS.get(kind)
     reading: Reading = _numbers(header, kind, when) if reader is None else reader(header, when)
     return reading
 
 
-def _numbers(header: Header, kind: str, when: Sampled) -> Any:
+def _numbers(header: MessageHeader, kind: str, when: SampleStamps) -> Any:
     """Return a reading that is numbers alone: its fields are the message's keys."""
     reading_type: Any = reading_types()[kind]
     numbers = {
         name: header.number(name) if of is float else header.whole(name, low=_LEAST_WHOLE)
-        for name, of in number_fields(reading_type).items()
+        for name, of in number_fields_of_reading(reading_type).items()
     }
     return reading_type(t_s=when.t_s, arrived_s=when.arrived_s, seq=0, source=when.side, **numbers)
 
 
-def _rangefinder(header: Header, when: Sampled) -> RangefinderReading:
+def _rangefinder(header: MessageHeader, when: SampleStamps) -> RangefinderReading:
     return RangefinderReading(
         *when.stamps,
         range_m=header.number("range_m") if "range_m" in header else math.inf,
@@ -118,7 +118,7 @@ def _rangefinder(header: Header, when: Sampled) -> RangefinderReading:
     )
 
 
-def _lidar(header: Header, when: Sampled) -> LidarScanReading:
+def _lidar(header: MessageHeader, when: SampleStamps) -> LidarScanReading:
     return LidarScanReading(
         *when.stamps,
         ranges_m=header.array("ranges_m", np.dtype("<f4"), most=_MOST_BEAMS),
@@ -130,7 +130,7 @@ def _lidar(header: Header, when: Sampled) -> LidarScanReading:
     )
 
 
-def _points(header: Header, when: Sampled) -> LidarPointsReading:
+def _points(header: MessageHeader, when: SampleStamps) -> LidarPointsReading:
     flat = header.array("points_frd_m", np.dtype("<f4"), most=MAX_READING_BYTES // 4)
     if len(flat) % 3:
         raise BadMessageError(f"`points_frd_m` has {len(flat)} numbers: three for each point")
@@ -141,7 +141,7 @@ def _points(header: Header, when: Sampled) -> LidarPointsReading:
     )
 
 
-def _gps(header: Header, when: Sampled) -> GpsReading:
+def _gps(header: MessageHeader, when: SampleStamps) -> GpsReading:
     return GpsReading(
         *when.stamps,
         latitude_deg=header.number("latitude_deg"),
@@ -155,7 +155,7 @@ def _gps(header: Header, when: Sampled) -> GpsReading:
     )
 
 
-def _imu(header: Header, when: Sampled) -> ImuReading:
+def _imu(header: MessageHeader, when: SampleStamps) -> ImuReading:
     return ImuReading(
         *when.stamps,
         specific_force_frd_m_s2=_vector(header, "specific_force_frd_m_s2"),
@@ -163,7 +163,7 @@ def _imu(header: Header, when: Sampled) -> ImuReading:
     )
 
 
-def _pose(header: Header, when: Sampled) -> PoseReading:
+def _pose(header: MessageHeader, when: SampleStamps) -> PoseReading:
     w, x, y, z = header.numbers("q_wxyz", 4)
     try:
         q = quat_normalize((w, x, y, z))
@@ -179,7 +179,7 @@ def _pose(header: Header, when: Sampled) -> PoseReading:
     )
 
 
-def _microphone(header: Header, when: Sampled) -> MicrophoneReading:
+def _microphone(header: MessageHeader, when: SampleStamps) -> MicrophoneReading:
     return MicrophoneReading(
         *when.stamps,
         samples=header.array("samples", np.dtype("<i2"), most=_MOST_SAMPLES),
@@ -188,31 +188,31 @@ def _microphone(header: Header, when: Sampled) -> MicrophoneReading:
     )
 
 
-def _depth(header: Header, when: Sampled) -> DepthReading:
+def _depth(header: MessageHeader, when: SampleStamps) -> DepthReading:
     camera, sent = when.camera, header.header("camera")
     if camera is None:
         raise BadMessageError("it is a depth image, and the sensor is no depth camera")
     width_px, height_px = sent.whole("width_px"), sent.whole("height_px")
     focal_px = sent.number("fx_px") if "fx_px" in sent else None
-    check_camera(camera, width_px=width_px, height_px=height_px, fx_px=focal_px)
+    check_depth_camera(camera, width_px=width_px, height_px=height_px, fx_px=focal_px)
     key = "depth_mm" if "depth_mm" in header else "depth_m"
     sent_as = np.dtype("<u2" if key == "depth_mm" else "<f4")
     flat = header.array(key, sent_as, most=MAX_READING_BYTES // sent_as.itemsize)
     if len(flat) != width_px * height_px:
         raise BadMessageError(f"`{key}` has {len(flat)} numbers, not {width_px}x{height_px}")
     image = flat.reshape(height_px, width_px)
-    depth_m = metres_of(image) if key == "depth_mm" else image
+    depth_m = metres_of_depths(image) if key == "depth_mm" else image
     return DepthReading(
         *when.stamps, depth_m=depth_m, intrinsics=camera, rendered=False, mount=when.mount
     )
 
 
-def _vector(header: Header, key: str) -> Vec3:
+def _vector(header: MessageHeader, key: str) -> Vec3:
     x, y, z = header.numbers(key, 3)
     return (x, y, z)
 
 
-_READERS: Mapping[str, Callable[[Header, Sampled], Any]] = MappingProxyType(
+_READERS: Mapping[str, Callable[[MessageHeader, SampleStamps], Any]] = MappingProxyType(
     {
         "depth": _depth,
         "rangefinder": _rangefinder,

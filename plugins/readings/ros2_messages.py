@@ -14,7 +14,7 @@ import numpy as np
 
 from wil_campaign.plugins.readings.depth_images import ros_depth
 from wil_campaign.plugins.readings.messagepack import BadMessageError
-from wil_campaign.plugins.readings.reading_message import Sampled
+from wil_campaign.plugins.readings.reading_message import SampleStamps
 from wil_campaign.vehicles.readings import (
     DepthReading,
     GpsReading,
@@ -25,7 +25,7 @@ from wil_campaign.vehicles.readings import (
     RangefinderReading,
     Reading,
 )
-from wil_campaign.vehicles.readings.checks import fault_of
+from wil_campaign.vehicles.readings.checks import reading_fault
 from wil_campaign.worlds.frames import (
     Pose,
     Quat,
@@ -54,16 +54,16 @@ class Ros2Type:
     """The sensor type of a ROS 2 message (kind), and its decoder."""
 
     kind: str
-    read: Callable[[Any, Sampled], Any]
+    read: Callable[[Any, SampleStamps], Any]
 
 
-def stamp_s(message: Any) -> float:
+def ros2_stamp_s(message: Any) -> float:
     """Return the time in a message's header, seconds; its clock is the sender's."""
     stamp = message.header.stamp
     return float(stamp.sec) + float(stamp.nanosec) * 1e-9
 
 
-def read_ros2(schema: str, message: Any, when: Sampled, before: Reading | None) -> Reading:
+def read_ros2(schema: str, message: Any, when: SampleStamps, before: Reading | None) -> Reading:
     """Return the reading in a message of ROS 2. Raises BadMessageError.
 
     schema: as in "sensor_msgs/msg/Imu". before: the last faultless reading; a fix has no velocity
@@ -75,10 +75,10 @@ def read_ros2(schema: str, message: Any, when: Sampled, before: Reading | None) 
         raise BadMessageError(f"is not a {schema}: {error}") from error
     if not isinstance(reading, GpsReading) or not isinstance(before, GpsReading):
         return reading
-    return _add_velocity(reading, before) if fault_of(reading) is None else reading
+    return _add_velocity(reading, before) if reading_fault(reading) is None else reading
 
 
-def _rangefinder(message: Any, when: Sampled) -> RangefinderReading:
+def _rangefinder(message: Any, when: SampleStamps) -> RangefinderReading:
     low_m, high_m = float(message.min_range), float(message.max_range)
     range_m = float(message.range)
     if range_m == -math.inf:
@@ -92,7 +92,7 @@ def _rangefinder(message: Any, when: Sampled) -> RangefinderReading:
     )
 
 
-def _lidar(message: Any, when: Sampled) -> LidarScanReading:
+def _lidar(message: Any, when: SampleStamps) -> LidarScanReading:
     low_m, high_m = float(message.range_min), float(message.range_max)
     ranges_m = np.asarray(message.ranges, np.float32)
     if len(ranges_m) and np.isnan(ranges_m).all():
@@ -114,7 +114,7 @@ def _lidar(message: Any, when: Sampled) -> LidarScanReading:
     )
 
 
-def _points(message: Any, when: Sampled) -> LidarPointsReading:
+def _points(message: Any, when: SampleStamps) -> LidarPointsReading:
     fields = {field.name: field for field in message.fields}
     order = ">" if message.is_bigendian else "<"
     names = ("x", "y", "z")
@@ -139,7 +139,7 @@ def _points(message: Any, when: Sampled) -> LidarPointsReading:
     )
 
 
-def _depth(message: Any, when: Sampled) -> DepthReading:
+def _depth(message: Any, when: SampleStamps) -> DepthReading:
     if when.camera is None:
         raise BadMessageError("is an image, and the sensor is no depth camera")
     depth_m = ros_depth(message, when.camera)
@@ -152,7 +152,7 @@ def _depth(message: Any, when: Sampled) -> DepthReading:
     )
 
 
-def _imu(message: Any, when: Sampled) -> ImuReading:
+def _imu(message: Any, when: SampleStamps) -> ImuReading:
     for name in ("linear_acceleration", "angular_velocity"):
         if getattr(message, f"{name}_covariance")[0] == -1.0:
             raise BadMessageError(f"it has no {name} ({name}_covariance begins with -1)")
@@ -163,7 +163,7 @@ def _imu(message: Any, when: Sampled) -> ImuReading:
     )
 
 
-def _gps(message: Any, when: Sampled) -> GpsReading:
+def _gps(message: Any, when: SampleStamps) -> GpsReading:
     if message.status.status not in _FIX_TYPES:
         raise BadMessageError("it has no fix (its status is not 0, 1 or 2)")
     if message.position_covariance_type == _UNKNOWN:
@@ -191,15 +191,15 @@ def _add_velocity(fix: GpsReading, before: GpsReading) -> GpsReading:
     return replace(fix, velocity_ned_m_s=(north / took_s, east / took_s, down / took_s))
 
 
-def _pose_stamped(message: Any, when: Sampled) -> PoseReading:
+def _pose_stamped(message: Any, when: SampleStamps) -> PoseReading:
     return PoseReading(when.t_s, when.arrived_s, when.side, _pose_of(message.pose))
 
 
-def _pose_with_covariance(message: Any, when: Sampled) -> PoseReading:
+def _pose_with_covariance(message: Any, when: SampleStamps) -> PoseReading:
     return PoseReading(when.t_s, when.arrived_s, when.side, _pose_of(message.pose.pose))
 
 
-def _odometry(message: Any, when: Sampled) -> PoseReading:
+def _odometry(message: Any, when: SampleStamps) -> PoseReading:
     pose = _pose_of(message.pose.pose)
     # By nav_msgs/Odometry's definition the twist is in the frame of the body.
     velocity = rotate(pose.q_wxyz, frd_from_flu(_vector(message.twist.twist.linear)))

@@ -12,16 +12,16 @@ from typing import Any, NamedTuple
 from mcap.exceptions import McapError
 from mcap.records import Channel, Message, Schema
 
-from wil_campaign.foundation.files.limited_json import loads_limited
+from wil_campaign.foundation.files.limited_json import loads_limited_json
 from wil_campaign.orchestrator.recording.errors import RecordingError
 from wil_campaign.orchestrator.recording.mcap.mcap_chunks import RecordStream
-from wil_campaign.orchestrator.recording.mcap.mcap_decode import decode
-from wil_campaign.plugins.readings.depth_images import check_camera, ros1_image
+from wil_campaign.orchestrator.recording.mcap.mcap_decode import decode_reading_message
+from wil_campaign.plugins.readings.depth_images import check_depth_camera, ros1_image
 from wil_campaign.plugins.readings.messagepack import BadMessageError
-from wil_campaign.plugins.readings.reading_message import Sampled
-from wil_campaign.plugins.readings.ros2_messages import ROS2_TYPES, read_ros2, stamp_s
+from wil_campaign.plugins.readings.reading_message import SampleStamps
+from wil_campaign.plugins.readings.ros2_messages import ROS2_TYPES, read_ros2, ros2_stamp_s
 from wil_campaign.vehicles.readings import DepthReading, Reading, sensor_names, sensor_type_of
-from wil_campaign.vehicles.readings.checks import fault_of
+from wil_campaign.vehicles.readings.checks import reading_fault
 from wil_campaign.vehicles.sources.camera_source import SourceError
 from wil_campaign.worlds.camera import Intrinsics
 from wil_campaign.worlds.frames import AT_ORIGIN, Pose
@@ -104,7 +104,7 @@ class TopicDecoders:
         if schema is not None:
             return self._ros2_reading(message, schema)
         try:
-            reading = decode(loads_limited(message.data), {})
+            reading = decode_reading_message(loads_limited_json(message.data), {})
         except _FAULTS as error:
             raise RecordingError(f"message {message.sequence} cannot be read: {error}") from error
         kind = self.kind(message)
@@ -117,7 +117,9 @@ class TopicDecoders:
         if self._camera is None:
             raise BadMessageError("is a depth image, and the sensor is no depth camera")
         was = reading.intrinsics
-        check_camera(self._camera, width_px=was.width_px, height_px=was.height_px, fx_px=was.fx_px)
+        check_depth_camera(
+            self._camera, width_px=was.width_px, height_px=was.height_px, fx_px=was.fx_px
+        )
         return replace(
             reading,
             intrinsics=self._camera,
@@ -141,15 +143,15 @@ class TopicDecoders:
         decoder = self._ros2_decoder(schema)
         try:
             decoded = decoder(message.data)
-            logged_s, stamped_s = message.log_time * 1e-9, stamp_s(decoded)
+            logged_s, stamped_s = message.log_time * 1e-9, ros2_stamp_s(decoded)
         except _FAULTS as error:
             raise RecordingError(f"message {message.sequence} cannot be read: {error}") from error
         t_s = self._time(message.channel_id, stamped_s, logged_s)
         is_late = 0.0 <= logged_s - t_s <= _LATE_S
-        when = Sampled(t_s, logged_s if is_late else t_s, "real", self._mount, self._camera)
+        when = SampleStamps(t_s, logged_s if is_late else t_s, "real", self._mount, self._camera)
         before = self._before.get(message.channel_id)
         reading = read_ros2(_ros2_name(schema), decoded, when, before)
-        if fault_of(reading) is None:
+        if reading_fault(reading) is None:
             self._before[message.channel_id] = reading
         return reading
 
@@ -197,7 +199,7 @@ def _ros2_name(schema: Schema) -> str:
 def _own_kind(data: bytes) -> str:
     """Return the sensor type in a message of our recordings; "" for other messages."""
     try:
-        kind = str(loads_limited(data)["wil"]["type"])
+        kind = str(loads_limited_json(data)["wil"]["type"])
     except (KeyError, ValueError, TypeError):
         return ""
     return kind if kind in sensor_names() else ""

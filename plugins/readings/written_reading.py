@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from wil_campaign.plugins.readings.messagepack import pack
+from wil_campaign.plugins.readings.messagepack import pack_header
 from wil_campaign.plugins.readings.reading_message import PROTOCOL
 from wil_campaign.vehicles.readings import Reading, sensor_type_of
 from wil_campaign.worlds.camera import Intrinsics
@@ -35,7 +35,7 @@ def written_reading(reading: Reading) -> bytes:
     for field in dataclasses.fields(reading):
         if field.name not in _ENVELOPE | _NOT_SENT:
             values |= _written(field.name, getattr(reading, field.name))
-    return pack(values)
+    return pack_header(values)
 
 
 def _written(name: str, value: Any) -> dict[str, Any]:

@@ -8,7 +8,7 @@ import zmq
 from wil_campaign.plugins.readings.messagepack import BadMessageError
 from wil_campaign.plugins.readings.reading_message import (
     MAX_READING_BYTES,
-    Sampled,
+    SampleStamps,
     read_envelope,
     read_header,
     read_reading,
@@ -121,7 +121,7 @@ class ZmqReadings(LiveReadings):
         resets = self._clock.resets
         t_s = self._clock.run_time(envelope.sent_s, arrived_s)
         self.restarts += skipped is None or self._clock.resets > resets
-        when = Sampled(t_s, arrived_s, self._side, self._mount, self._camera)
+        when = SampleStamps(t_s, arrived_s, self._side, self._mount, self._camera)
         self.offer(read_reading(header, self._kind_of, when), skipped=skipped or 0)
 
     def _skipped(self, seq: int, sent_s: float) -> int | None:

@@ -11,7 +11,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from wil_campaign.vehicles.links.link import Link, ReceivingLink, TellsTrouble
 from wil_campaign.vehicles.links.link_conditions import LinkLayer, LinkSite
-from wil_campaign.vehicles.mavlink.framing import Frame, FrameSplitter
+from wil_campaign.vehicles.mavlink.framing import FrameSplitter, MavlinkFrame
 from wil_campaign.vehicles.mavlink.heartbeats import heartbeat_kind
 
 SILENT_S = 0.3
@@ -145,7 +145,7 @@ class RedundantLink(ReceivingLink):
         if number == self.active and self._receiver is not None:
             self._receiver(data, t_s)
 
-    def _is_vehicle(self, frame: Frame) -> bool:
+    def _is_vehicle(self, frame: MavlinkFrame) -> bool:
         """Return whether a frame is of the vehicle's autopilot, not of another on its network."""
         if frame.component != _AUTOPILOT or self._system_id not in {None, frame.system}:
             return False
@@ -173,12 +173,12 @@ class RedundantLink(ReceivingLink):
             self._on_switch(f"{why}; switched to {self._links[number].name}")
 
 
-def _is_idempotent(frame: Frame) -> bool:
+def _is_idempotent(frame: MavlinkFrame) -> bool:
     """Return whether a frame may be sent on several redundant links."""
     return frame.message_id in _SENT_ON_ALL_LINKS or _command_of(frame) in _COMMANDS_ON_ALL_LINKS
 
 
-def _command_of(frame: Frame) -> int | None:
+def _command_of(frame: MavlinkFrame) -> int | None:
     """Return the MAV_CMD of a frame for redundant sending; None of another message."""
     if frame.message_id not in _COMMANDS:
         return None

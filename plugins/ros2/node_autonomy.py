@@ -17,17 +17,17 @@ from wil_campaign.plugins.ros2.messages.reading_messages import (
     sensor_frames,
     sensor_transforms,
 )
-from wil_campaign.plugins.ros2.messages.ros_frames import attitude_enu, enu
+from wil_campaign.plugins.ros2.messages.ros_frames import attitude_enu, enu_from_ned
 from wil_campaign.plugins.ros2.messages.ros_messages import (
     BODY_FRAME,
     ODOMETRY_FRAME,
     TEXT,
     TRAJECTORY_SETPOINT,
     WORLD_FRAME,
+    FrameTransform,
     RosMessages,
-    Transform,
 )
-from wil_campaign.plugins.ros2.messages.ros_types import BadMessageError, RosTypes
+from wil_campaign.plugins.ros2.messages.ros_types import BadRosMessageError, RosTypes
 from wil_campaign.plugins.ros2.messages.setpoint_messages import BadSetpointError, setpoint_of
 from wil_campaign.plugins.ros2.messages.topics import (
     ABORT,
@@ -43,7 +43,7 @@ from wil_campaign.plugins.ros2.node_process import NodeProcess
 from wil_campaign.plugins.ros2.node_topics import NodeTopics
 from wil_campaign.plugins.ros2.px4.px4_types import COMMAND_TOPIC, MODE_TOPIC
 from wil_campaign.plugins.ros2.px4.px4_vehicle import Px4Vehicle
-from wil_campaign.plugins.ros2.setpoint_inbox import Received, SetpointInbox
+from wil_campaign.plugins.ros2.setpoint_inbox import ReceivedSetpoint, SetpointInbox
 from wil_campaign.vehicles.autonomy import Command, Telemetry
 from wil_campaign.vehicles.readings import Reading
 from wil_campaign.vehicles.setpoints import Setpoint, VelocitySetpoint
@@ -109,7 +109,7 @@ class NodeAutonomy:
         self._latched: dict[str, bytes] = {}
         self._latched_s = self._clock_s = float("-inf")
         self._reporting = threading.Lock()
-        self._answer: Received | None = None
+        self._answer: ReceivedSetpoint | None = None
         self._until: int | None = None
         """Number of the setpoint before which a word must have come: of what a node says after
         its answer, the machine decides when it comes, and it belongs to the next answer."""
@@ -230,7 +230,7 @@ class NodeAutonomy:
                 self._topics.publish(topic, self._stamp(t_s), build)
                 if is_end and self.flying:
                     self._is_done, self._owes_answers = True, False
-        except BadMessageError as error:
+        except BadRosMessageError as error:
             raise AutonomyFault(f"published to /fmu/in a message that {error}") from None
 
     def _publish_reading(self, reading: Reading, prefix: str) -> None:
@@ -306,12 +306,12 @@ class NodeAutonomy:
             build = partial(self._latched.__getitem__, topic)
             self._topics.publish(topic, stamp_ns, build)
 
-    def _fixed(self) -> tuple[Transform, ...]:
-        return (Transform(WORLD_FRAME, ODOMETRY_FRAME, (0.0, 0.0, 0.0)), *self._mounts)
+    def _fixed(self) -> tuple[FrameTransform, ...]:
+        return (FrameTransform(WORLD_FRAME, ODOMETRY_FRAME, (0.0, 0.0, 0.0)), *self._mounts)
 
-    def _moving(self, pose: Pose) -> tuple[Transform, ...]:
-        position, turned = enu(pose.position_ned_m), attitude_enu(pose.q_wxyz)
-        body = Transform(ODOMETRY_FRAME, BODY_FRAME, position, turned)
+    def _moving(self, pose: Pose) -> tuple[FrameTransform, ...]:
+        position, turned = enu_from_ned(pose.position_ned_m), attitude_enu(pose.q_wxyz)
+        body = FrameTransform(ODOMETRY_FRAME, BODY_FRAME, position, turned)
         gimbals = (sensor_frames(gimbal, pose) for gimbal in self._gimbals)
         return (body, *(frame for frames in gimbals for frame in frames))
 
@@ -348,7 +348,7 @@ class NodeAutonomy:
             return None
         try:
             return str(self._types.deserialize(cdr, TEXT).data)
-        except BadMessageError as error:
+        except BadRosMessageError as error:
             raise AutonomyFault(f"published a message on {topic} that {error}") from None
 
     def _window(self, name: str, t_s: float) -> tuple[float, int, int]:
@@ -391,7 +391,7 @@ class NodeAutonomy:
         if since_s > _OLD_S:
             self._setpoint = _STILL
 
-    def _is_timely(self, received: Received, t_s: float) -> bool:
+    def _is_timely(self, received: ReceivedSetpoint, t_s: float) -> bool:
         """Return whether a setpoint's stamp, if it has one, is about now."""
         if received.stamp_ns == 0 or self._rules.barrier:
             return True
@@ -406,7 +406,7 @@ class NodeAutonomy:
         received.topic.refused += 1
         return False
 
-    def _is_offboard(self, received: Received, t_s: float) -> bool:
+    def _is_offboard(self, received: ReceivedSetpoint, t_s: float) -> bool:
         """Return whether PX4 would fly a setpoint in its mode; any that is none of px4_msgs."""
         if self._px4 is None or received.topic.type != TRAJECTORY_SETPOINT:
             return True
@@ -416,12 +416,12 @@ class NodeAutonomy:
             received.topic.refused += 1
         return not trouble
 
-    def _setpoint_of(self, received: Received, body: Pose) -> Setpoint:
+    def _setpoint_of(self, received: ReceivedSetpoint, body: Pose) -> Setpoint:
         name, kind = received.topic.name, received.topic.type
         try:
             message = self._types.deserialize(received.cdr, kind)
             return setpoint_of(message, kind, body)
-        except (BadMessageError, BadSetpointError) as error:
+        except (BadRosMessageError, BadSetpointError) as error:
             raise AutonomyFault(f"published a setpoint on {name} that {error}") from None
 
 

@@ -13,17 +13,17 @@ from pathlib import Path
 from typing import Literal, cast
 
 from wil_campaign.foundation.clocks.sleeping import sleep_until
-from wil_campaign.foundation.tasks import start, stop
+from wil_campaign.foundation.tasks import start_task, stop_tasks
 from wil_campaign.orchestrator.recording.timestamps import VIRTUAL_EPOCH_S
 from wil_campaign.orchestrator.run.perception.autonomy_calls import AutonomyFault
 from wil_campaign.orchestrator.run.perception.stray_errors import decide_fault
-from wil_campaign.orchestrator.run.vehicles.pair import Pair
+from wil_campaign.orchestrator.run.vehicles.pair import VehiclePair
 from wil_campaign.orchestrator.run_results.result_parts import ProgramResult, TopicResult
 from wil_campaign.orchestrator.state.run_setup import RunSetup
 from wil_campaign.orchestrator.state.run_state import RunState
 from wil_campaign.orchestrator.state.vehicle_context import VehicleContext
 from wil_campaign.plugins.ros2.domains import claimed_domain
-from wil_campaign.plugins.ros2.messages.reading_messages import word_of
+from wil_campaign.plugins.ros2.messages.reading_messages import ros_word_of_name
 from wil_campaign.plugins.ros2.messages.ros_types import RosTypes, ros_types
 from wil_campaign.plugins.ros2.messages.topics import (
     GOAL,
@@ -50,7 +50,7 @@ from wil_campaign.plugins.ros2.rclpy_wire import open_rclpy
 from wil_campaign.plugins.ros2.ros2_autonomy import Ros2Autonomy
 from wil_campaign.plugins.ros2.ros2_part import Ros2Part
 from wil_campaign.plugins.ros2.setpoint_inbox import InTopic, SetpointInbox
-from wil_campaign.plugins.ros2.wire import Wire, WireError
+from wil_campaign.plugins.ros2.wire import NodeWire, WireError
 from wil_campaign.safety.model.verdict import DecisiveKind
 
 _ROUTER_PORT = 7447
@@ -95,7 +95,7 @@ class FlownVehicle:
 
 @asynccontextmanager
 async def open_node(
-    setup: RunSetup, _pair: Pair, context: VehicleContext, run_state: RunState
+    setup: RunSetup, _pair: VehiclePair, context: VehicleContext, run_state: RunState
 ) -> AsyncIterator[OpenNode]:
     """Open a vehicle's node and wait until it is ready; it is ended on leaving.
 
@@ -115,8 +115,8 @@ async def open_node(
             node = await stack.enter_async_context(flight.started(environment))
         found = flight.build(node)
         await flight.wait_ready(found)
-        telemetry = start(flight.report(found.autonomy), name="telemetry to the node")
-        stack.push_async_callback(stop, telemetry)
+        telemetry = start_task(flight.report(found.autonomy), name="telemetry to the node")
+        stack.push_async_callback(stop_tasks, telemetry)
         yield found
 
 
@@ -130,7 +130,7 @@ def _types(part: Ros2Part, folder: Path) -> RosTypes:
 @asynccontextmanager
 async def _open_wire(
     part: Ros2Part, vehicle: FlownVehicle, domain: int, types: RosTypes
-) -> AsyncIterator[Wire]:
+) -> AsyncIterator[NodeWire]:
     """Open the wire that a campaign asks for. Raises WireError."""
     setup = vehicle.setup
     if part.wire == "rclpy":
@@ -153,7 +153,9 @@ async def _open_wire(
 class _NodeFlight:
     """The flight of one vehicle by a node."""
 
-    def __init__(self, part: Ros2Part, vehicle: FlownVehicle, wire: Wire, types: RosTypes) -> None:
+    def __init__(
+        self, part: Ros2Part, vehicle: FlownVehicle, wire: NodeWire, types: RosTypes
+    ) -> None:
         self._part, self._wire, self._types = part, wire, types
         self._setup, self._context = vehicle.setup, vehicle.context
         self._run_state, self._name = vehicle.run_state, vehicle.context.name
@@ -162,7 +164,7 @@ class _NodeFlight:
         sensors = self._setup.vehicle(self._name).sensors
         names = part.topics if part.px4_msgs is None else {**px4_names(types), **part.topics}
         self._topics = NodeTopics(wire, _out_topics(part, vehicle), names)
-        self._inbox = SetpointInbox(in_topics(part, names))
+        self._inbox = SetpointInbox(setpoint_topics(part, names))
         self._sensors = sensors
         for name, topic in self._inbox.topics.items():
             wire.listen(name, topic.type, self._inbox.receive)
@@ -342,18 +344,18 @@ def _out_topics(part: Ros2Part, vehicle: FlownVehicle) -> tuple[OutTopic, ...]:
     setup, name = vehicle.setup, vehicle.context.name
     found = [*OWN, *(PX4_OUT if part.px4_msgs is not None else ())]
     for sensor in setup.vehicle(name).sensors:
-        word = word_of(sensor.name)
+        word = ros_word_of_name(sensor.name)
         found += sensor_topics(word, sensor.kind, compressed=part.compressed)
     recipe = setup.case.recipe if setup.mode == "wil" else None
     for combination in () if recipe is None else recipe.combinations:
         if combination.publish_raw and name in combination.publish:
             for side in ("real", "twin"):
-                path = f"{side}/{word_of(combination.sensor.name)}"
+                path = f"{side}/{ros_word_of_name(combination.sensor.name)}"
                 found += sensor_topics(path, combination.sensor.kind, compressed=part.compressed)
     return tuple(found)
 
 
-def in_topics(part: Ros2Part, names: Mapping[str, str | None]) -> dict[str, InTopic]:
+def setpoint_topics(part: Ros2Part, names: Mapping[str, str | None]) -> dict[str, InTopic]:
     """Return the topics of setpoints and words by the node's names. names: of ours, by ours."""
     ours = {**SETPOINTS, **WORDS}
     if part.px4_msgs is not None:

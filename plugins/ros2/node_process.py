@@ -7,9 +7,9 @@ from contextlib import asynccontextmanager
 from functools import partial
 from pathlib import Path
 
-from wil_campaign.foundation.processes.child import ChildProcess, how_it_ended
-from wil_campaign.foundation.processes.last_output import last_output, with_interpreter
-from wil_campaign.foundation.processes.supervisor import supervised
+from wil_campaign.foundation.processes.child import ChildProcess, exit_status_text
+from wil_campaign.foundation.processes.last_output import last_output, output_with_interpreter
+from wil_campaign.foundation.processes.supervisor import supervised_command
 from wil_campaign.plugins.ros2.wire import WireError
 
 _GRACE_S = 3.0
@@ -54,8 +54,8 @@ class NodeProcess:
 
     def __str__(self) -> str:
         if self.ended_by_us:
-            return f"ended with the run ({how_it_ended(self.exit_code)})"
-        return f"{how_it_ended(self.exit_code)} by itself" if self.has_ended else "runs"
+            return f"ended with the run ({exit_status_text(self.exit_code)})"
+        return f"{exit_status_text(self.exit_code)} by itself" if self.has_ended else "runs"
 
     def last_lines(self) -> str:
         """Return what the node printed last, in one line; "" for nothing."""
@@ -79,7 +79,7 @@ async def started_node(
     """
     command = tuple(argv)
     if not inherited:
-        command = supervised(argv, parent=os.getpid(), grace_s=_SUPERVISOR_GRACE_S)
+        command = supervised_command(argv, parent=os.getpid(), grace_s=_SUPERVISOR_GRACE_S)
     with log.open("ab") as output:
         child = ChildProcess(
             argv=command,
@@ -89,7 +89,9 @@ async def started_node(
             inherited=inherited,
             grace_s=_GRACE_S,
         )
-        explain = partial(with_interpreter, argv=argv, environment=environment, folder=folder)
+        explain = partial(
+            output_with_interpreter, argv=argv, environment=environment, folder=folder
+        )
         node = NodeProcess(child, log, " ".join(argv[:3]), explain)
 
         def ended(_: ChildProcess) -> None:

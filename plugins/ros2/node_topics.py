@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from wil_campaign.orchestrator.run_results.result_parts import TopicResult
 from wil_campaign.plugins.ros2.messages.topics import OutTopic
-from wil_campaign.plugins.ros2.wire import Wire
+from wil_campaign.plugins.ros2.wire import NodeWire
 
 Build = Callable[[], bytes]
 _UNSUBSCRIBED = "nobody subscribed to some of them"
@@ -26,7 +26,7 @@ class NodeTopics:
     """
 
     def __init__(
-        self, wire: Wire, topics: Iterable[OutTopic], rename: Mapping[str, str | None]
+        self, wire: NodeWire, topics: Iterable[OutTopic], rename: Mapping[str, str | None]
     ) -> None:
         self._wire = wire
         self._topics = {out_topic.name: out_topic for out_topic in topics}

@@ -33,7 +33,7 @@ _LOOKS_A_SECOND = 20
 _DEPTH = 10
 
 
-class Relay:
+class RclpyRelay:
     """A node that publishes what it is sent, and sends what it hears."""
 
     def __init__(self, connection: socket.socket) -> None:
@@ -209,4 +209,4 @@ def _quality(name: str) -> QoSProfile:
 
 if __name__ == "__main__":
     with socket.socket(fileno=int(sys.argv[1])) as given:
-        Relay(given).run()
+        RclpyRelay(given).run()

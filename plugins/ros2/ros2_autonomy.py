@@ -10,7 +10,7 @@ from pydantic import Field
 
 from wil_campaign.campaigns.setup.autonomy_under_test import ForeignAutonomy
 from wil_campaign.foundation.files.documents import Document, KeyFaultError, Problem
-from wil_campaign.foundation.files.problems import closest
+from wil_campaign.foundation.files.problems import closest_word
 from wil_campaign.plugins.ros2.ros2_part import Ros2Part
 
 _SUMMARY = "Instead, a ROS 2 node."
@@ -94,7 +94,7 @@ class Ros2Autonomy(ForeignAutonomy):
             if topic not in ours | received:
                 message = f"'{topic}' is no topic of the run, so it cannot be renamed or left out"
                 where = ("autonomy", self.kind, "topics", topic)
-                yield file.problem(where, message, closest(topic, ours | received))
+                yield file.problem(where, message, closest_word(topic, ours | received))
         known = {name for name in ours if self.part.topics.get(name, name) is not None}
         known |= {self.part.topics[name] or "" for name in known & set(self.part.topics)}
         barrier = [] if self.part.barrier is None else self.part.barrier.topics
@@ -104,12 +104,12 @@ class Ros2Autonomy(ForeignAutonomy):
             if topic not in known:
                 message = f"nothing is published on '{topic}'"
                 where = ("autonomy", self.kind, *path)
-                yield file.problem(where, message, closest(topic, known))
+                yield file.problem(where, message, closest_word(topic, known))
 
 
 def _topics_of_sensors(file: Document, part: Ros2Part) -> Iterator[str]:
     """Yield the topics of the vehicles' sensors, mixed and as they were before."""
-    from wil_campaign.plugins.ros2.messages.reading_messages import word_of  # noqa: PLC0415
+    from wil_campaign.plugins.ros2.messages.reading_messages import ros_word_of_name  # noqa: PLC0415
     from wil_campaign.plugins.ros2.messages.topics import sensor_topics  # noqa: PLC0415
 
     vehicles = file.get(("vehicles",))
@@ -118,5 +118,7 @@ def _topics_of_sensors(file: Document, part: Ros2Part) -> Iterator[str]:
         for name, sensor in sensors.items() if isinstance(sensors, dict) else ():
             kind = str(sensor.get("type")) if isinstance(sensor, dict) else ""
             for path in ("", "real/", "twin/"):
-                topics = sensor_topics(path + word_of(str(name)), kind, compressed=part.compressed)
+                topics = sensor_topics(
+                    path + ros_word_of_name(str(name)), kind, compressed=part.compressed
+                )
                 yield from (topic.name for topic in topics)

@@ -6,7 +6,10 @@ from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
-from wil_campaign.plugins.ros2.messages.setpoint_messages import stamp_in, stamp_of
+from wil_campaign.plugins.ros2.messages.setpoint_messages import (
+    setpoint_stamp_in,
+    setpoint_stamp_of,
+)
 from wil_campaign.plugins.ros2.messages.topics import ABORT, DONE, WORDS
 from wil_campaign.plugins.ros2.px4.px4_types import PX4_WORDS
 from wil_campaign.plugins.ros2.wire import InMessage
@@ -34,7 +37,7 @@ class InTopic:
 
 
 @dataclass(frozen=True, slots=True)
-class Received:
+class ReceivedSetpoint:
     """A setpoint message. number: counts up over all topics. stamp_ns: of its header."""
 
     number: int
@@ -44,13 +47,13 @@ class Received:
 
 
 @dataclass(frozen=True, slots=True)
-class Answer:
+class NodeAnswer:
     """What ends the wait for an answer: a setpoint, or None for a word that ends the flight.
 
     until: the words that came before this number of a setpoint belong to the answer.
     """
 
-    setpoint: Received | None
+    setpoint: ReceivedSetpoint | None
     until: int
 
 
@@ -63,7 +66,7 @@ class SetpointInbox:
     def __init__(self, topics: Mapping[str, InTopic]) -> None:
         self.topics = topics
         self._changed = threading.Condition()
-        self._recent: deque[Received] = deque(maxlen=_KEPT)
+        self._recent: deque[ReceivedSetpoint] = deque(maxlen=_KEPT)
         self._numbers = 0
         self._words: dict[str, deque[tuple[int, bytes]]] = {}
         """By topic, each with the number of the newest setpoint before it."""
@@ -88,12 +91,12 @@ class SetpointInbox:
                 self._changed.notify_all()
                 return
             self._numbers += 1
-            stamp_ns = stamp_of(message.cdr, topic.type)
-            self._recent.append(Received(self._numbers, topic, message.cdr, stamp_ns))
+            stamp_ns = setpoint_stamp_of(message.cdr, topic.type)
+            self._recent.append(ReceivedSetpoint(self._numbers, topic, message.cdr, stamp_ns))
             self._changed.notify_all()
 
     @property
-    def newest(self) -> Received | None:
+    def newest(self) -> ReceivedSetpoint | None:
         """Return the newest setpoint message; None before the first."""
         with self._changed:
             return self._recent[-1] if self._recent else None
@@ -121,7 +124,7 @@ class SetpointInbox:
 
     def await_answer(
         self, stamp_ns: int, *, after: int, within_s: float, is_gone: Callable[[], bool]
-    ) -> Answer | None:
+    ) -> NodeAnswer | None:
         """Return what answers a message, waiting in wall time; None where nothing comes in time.
 
         It is a setpoint with the message's stamp, or a word before it that ends the flight: with
@@ -135,19 +138,19 @@ class SetpointInbox:
                 setpoint = self._with_stamp(stamp_ns, after)
                 ends = [words[0][0] for name in (ABORT, DONE) if (words := self._words.get(name))]
                 if ends and (setpoint is None or min(ends) < setpoint.number):
-                    return Answer(None, min(ends) + 1)
+                    return NodeAnswer(None, min(ends) + 1)
                 if setpoint is not None:
-                    return Answer(setpoint, setpoint.number)
+                    return NodeAnswer(setpoint, setpoint.number)
                 if time.monotonic() >= until_s or is_gone():
                     return None
                 self._changed.wait(_LOOK_S)
 
-    def _with_stamp(self, stamp_ns: int, after: int) -> Received | None:
+    def _with_stamp(self, stamp_ns: int, after: int) -> ReceivedSetpoint | None:
         """Return the newest setpoint with a stamp, of those after a number; None without one."""
         for received in reversed(self._recent):
             if received.number <= after:
                 return None
-            if received.stamp_ns == stamp_in(received.topic.type, stamp_ns):
+            if received.stamp_ns == setpoint_stamp_in(received.topic.type, stamp_ns):
                 return received
         return None
 

@@ -29,7 +29,7 @@ Take = Callable[[InMessage], None]
 """Takes a message; called in threads of the wire."""
 
 
-class Wire(Protocol):
+class NodeWire(Protocol):
     """Publishes to a node and hears from it. Its methods may be called in any thread."""
 
     def advertise(self, topic: OutTopic, name: str) -> None:

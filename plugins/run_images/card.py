@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 from wil_campaign.orchestrator.report.model import RunReport
 from wil_campaign.orchestrator.report.words import short_time
-from wil_campaign.plugins.run_images.drawing import DIM, INK, SUBJECTS, VERDICTS, Rgb, Sheet
+from wil_campaign.plugins.run_images.drawing import DIM, INK, SUBJECTS, VERDICTS, DrawingSheet, Rgb
 from wil_campaign.plugins.run_images.plan import PlanBox, draw_plan
 from wil_campaign.plugins.run_images.recorded_images import ImagesAtTime
 
@@ -24,9 +24,11 @@ _WORDS = {
 }
 
 
-def draw_card(run: RunReport, campaign: str, images: ImagesAtTime | None, note: str = "") -> Sheet:
+def draw_card(
+    run: RunReport, campaign: str, images: ImagesAtTime | None, note: str = ""
+) -> DrawingSheet:
     """Return the card of a run. images: of its moment. note: who flew as real, as a sentence."""
-    sheet = Sheet(*SIZE_PX)
+    sheet = DrawingSheet(*SIZE_PX)
     verdict = "NO RESULT" if run.result is None else run.result.verdict
     doubt = "" if run.result is None else run.result.doubt
     wrapped = sheet.wrapped(headline_text(run), 22, _ROOM_PX, 1 if doubt else 2)
@@ -58,14 +60,18 @@ def headline_text(run: RunReport) -> str:
     return "It has no result."
 
 
-def _draw_head(sheet: Sheet, name: str, verdict: str, lines: Sequence[tuple[str, Rgb]]) -> None:
+def _draw_head(
+    sheet: DrawingSheet, name: str, verdict: str, lines: Sequence[tuple[str, Rgb]]
+) -> None:
     width = sheet.badge((_MARGIN, 26), verdict, 22, VERDICTS.get(verdict, DIM))
     sheet.text((_MARGIN + width + 16, 30), name, 22)
     for row, (line, colour) in enumerate(lines):
         sheet.text((_MARGIN, 70 + 30 * row), line, 22, colour)
 
 
-def _draw_facts(sheet: Sheet, run: RunReport, images: ImagesAtTime | None, note: str) -> None:
+def _draw_facts(
+    sheet: DrawingSheet, run: RunReport, images: ImagesAtTime | None, note: str
+) -> None:
     left, top = _MARGIN + _STEP_PX, _PLAN_TOP
     room = sheet.width - _MARGIN - left
     texts = [f"{name}: {text}" for name, text in (() if run.cause is None else run.cause.facts)]

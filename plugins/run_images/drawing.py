@@ -31,7 +31,7 @@ VERDICTS: dict[str, Rgb] = {
 
 
 @dataclass(slots=True)
-class Sheet:
+class DrawingSheet:
     """A picture of width x height pixels while it is drawn."""
 
     width: int

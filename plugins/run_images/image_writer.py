@@ -5,13 +5,13 @@ from pathlib import Path
 
 from wil_campaign.orchestrator.reading.errors import ResultsFolderError
 from wil_campaign.orchestrator.reading.model import CampaignDocuments, RunEntry
-from wil_campaign.orchestrator.reading.results_folder import read_campaign
+from wil_campaign.orchestrator.reading.results_folder import read_campaign_documents
 from wil_campaign.orchestrator.recording.recorded_images import NotDrawnAgainError
 from wil_campaign.orchestrator.report.model import RunReport
 from wil_campaign.orchestrator.report.reading.run_reader import read_run
 from wil_campaign.orchestrator.report.reading.sight_decoding import ImageSize
-from wil_campaign.orchestrator.report.rendering.overview import stand_in
-from wil_campaign.orchestrator.report.rendering.page import decides, went_wrong
+from wil_campaign.orchestrator.report.rendering.overview import stand_in_notice
+from wil_campaign.orchestrator.report.rendering.page import decides_verdict, went_wrong
 from wil_campaign.plugins.run_images.card import draw_card
 from wil_campaign.plugins.run_images.moving_picture import frame_times, write_gif
 from wil_campaign.plugins.run_images.recorded_images import ImagesAtTime, most_mixed, read_images
@@ -31,7 +31,7 @@ def write_card(folder: Path, run: str = "") -> Path:
     campaign, entry = _find_run(folder, run)
     report = _read(folder, entry)
     images = _images(folder, entry, _card_times(report))
-    note = "" if entry.mode == "sim" else stand_in(campaign)
+    note = "" if entry.mode == "sim" else stand_in_notice(campaign)
     sheet = draw_card(report, campaign.name, most_mixed(images), note)
     path = folder / entry.name / CARD
     sheet.image.save(path)
@@ -81,7 +81,7 @@ def _read(folder: Path, entry: RunEntry) -> RunReport:
 
 def _find_run(folder: Path, name: str) -> tuple[CampaignDocuments, RunEntry]:
     """Return the run of a name, or the one to show: a failed one that decides, else the first."""
-    campaign = read_campaign(folder)
+    campaign = read_campaign_documents(folder)
     if name:
         found = next((entry for entry in campaign.entries if entry.name == name), None)
         if found is None:
@@ -95,4 +95,4 @@ def _find_run(folder: Path, name: str) -> tuple[CampaignDocuments, RunEntry]:
 
 def _rank(entry: RunEntry) -> tuple[bool, bool, bool]:
     bad = went_wrong(entry.result)
-    return (not (bad and decides(entry.result)), not bad, entry.mode != "wil")
+    return (not (bad and decides_verdict(entry.result)), not bad, entry.mode != "wil")

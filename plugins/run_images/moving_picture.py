@@ -14,7 +14,7 @@ from wil_campaign.plugins.run_images.drawing import (
     INK,
     SUBJECTS,
     VERDICTS,
-    Sheet,
+    DrawingSheet,
 )
 from wil_campaign.plugins.run_images.plan import PlanBox, draw_plan
 from wil_campaign.plugins.run_images.recorded_images import ImagesAtTime
@@ -79,7 +79,7 @@ def _palette(frames: Sequence[Image.Image]) -> Image.Image:
 
 
 def _frame(run: RunReport, campaign: str, images: ImagesAtTime, *, is_last: bool) -> Image.Image:
-    sheet = Sheet(*SIZE_PX)
+    sheet = DrawingSheet(*SIZE_PX)
     since_s = images.t_s - (run.goal_s or 0.0)
     sheet.text((_MARGIN, 8), f"{campaign}  {run.name}", 15)
     time_text = f"{since_s:4.1f} s since the goal" + _clearance_text(run, images.t_s)

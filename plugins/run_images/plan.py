@@ -3,14 +3,14 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from wil_campaign.orchestrator.report.model import Point, RunReport, Track
+from wil_campaign.orchestrator.report.model import Point, RunReport, VehicleTrack
 from wil_campaign.plugins.run_images.drawing import (
     CARD,
     DIM,
     FENCE,
     RULE,
     SUBJECTS,
-    Sheet,
+    DrawingSheet,
 )
 from wil_campaign.safety.fence.areas import Circle
 from wil_campaign.worlds.frames import Vec3
@@ -45,9 +45,11 @@ class _Scale:
         return (x, y)
 
 
-def draw_plan(sheet: Sheet, run: RunReport, box: PlanBox, *, until_s: float | None = None) -> None:
+def draw_plan(
+    sheet: DrawingSheet, run: RunReport, box: PlanBox, *, until_s: float | None = None
+) -> None:
     """Draw the plan. until_s: draw the paths up to a time; None draws all, with the moment."""
-    plan = Sheet(round(box.width), round(box.height))
+    plan = DrawingSheet(round(box.width), round(box.height))
     plan.pen.rectangle((0, 0, plan.width - 1, plan.height - 1), CARD, RULE)
     scale = _scale(run, plan)
     if scale is not None:
@@ -55,7 +57,9 @@ def draw_plan(sheet: Sheet, run: RunReport, box: PlanBox, *, until_s: float | No
     sheet.image.paste(plan.image, (round(box.left), round(box.top)))
 
 
-def _draw_scene(sheet: Sheet, run: RunReport, scale: "_Scale", until_s: float | None) -> None:
+def _draw_scene(
+    sheet: DrawingSheet, run: RunReport, scale: "_Scale", until_s: float | None
+) -> None:
     for area in (area for fence in run.world.fences.values() for area in fence.inclusions):
         corners = _circle(area) if isinstance(area, Circle) else _flipped(area.corners_m)
         _dashed(sheet, [scale.at(p) for p in corners])
@@ -73,7 +77,11 @@ def _draw_scene(sheet: Sheet, run: RunReport, scale: "_Scale", until_s: float | 
 
 
 def _draw_track(
-    sheet: Sheet, track: Track, scale: _Scale, until_s: float | None, at_s: float | None
+    sheet: DrawingSheet,
+    track: VehicleTrack,
+    scale: _Scale,
+    until_s: float | None,
+    at_s: float | None,
 ) -> None:
     colour = SUBJECTS.get(track.vehicle, DIM)
     places = track.positions_ned_m
@@ -88,7 +96,7 @@ def _draw_track(
         sheet.pen.ellipse((x - 5, y - 5, x + 5, y + 5), colour, CARD, 1)
 
 
-def _scale(run: RunReport, sheet: Sheet) -> _Scale | None:
+def _scale(run: RunReport, sheet: DrawingSheet) -> _Scale | None:
     path = [_flat(p) for track in run.tracks for p in track.positions_ned_m]
     if not path:
         return None
@@ -128,7 +136,7 @@ def _circle(area: Circle) -> list[Point]:
     return [(east - r, north), (east, north + r), (east + r, north), (east, north - r)]
 
 
-def _dashed(sheet: Sheet, corners: Sequence[Point]) -> None:
+def _dashed(sheet: DrawingSheet, corners: Sequence[Point]) -> None:
     for begin, end in zip(corners, [*corners[1:], corners[0]], strict=True):
         for dash in _dashes(begin, end):
             sheet.pen.line(dash, FENCE, 1)

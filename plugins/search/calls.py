@@ -7,19 +7,19 @@ from pathlib import Path
 from typing import Any
 
 from wil_campaign.foundation.clocks.virtual_loop import Clock
-from wil_campaign.foundation.files.limited_json import read_json
+from wil_campaign.foundation.files.limited_json import read_limited_json
 from wil_campaign.orchestrator.campaign.flight_options import USUAL
-from wil_campaign.orchestrator.cli.run_selection import Choice
+from wil_campaign.orchestrator.cli.run_selection import RunSelection
 from wil_campaign.plugins.python.flight_messages import FlightRequest, encode_request
 from wil_campaign.plugins.python.flying import (
     FlightProcess,
     OnMessage,
     OnResult,
-    await_landing,
-    changed,
-    in_loop,
+    await_flight_landing,
+    call_in_loop,
+    flight_options_with,
 )
-from wil_campaign.plugins.python.loading import settings_of
+from wil_campaign.plugins.python.loading import set_option_texts
 from wil_campaign.plugins.search.exploration.search_file import load_search
 from wil_campaign.plugins.search.search_document import FILE_NAME
 
@@ -98,8 +98,10 @@ async def search_async(
     options: dict[str, object] = {"out": out, "clock": clock, "jobs": jobs, "resume": resume}
     options |= {"engine": engine, "store": store}
     request = await asyncio.to_thread(_request, file, seed, overrides, bench_files, options)
-    on_result, on_message = in_loop(on_result or _ignore), in_loop(on_message or _ignore)
-    return await await_landing(FlightProcess(request, _MODULE), _results_of, on_result, on_message)
+    on_result, on_message = call_in_loop(on_result or _ignore), call_in_loop(on_message or _ignore)
+    return await await_flight_landing(
+        FlightProcess(request, _MODULE), _results_of, on_result, on_message
+    )
 
 
 def _request(
@@ -109,9 +111,9 @@ def _request(
     bench_files: Sequence[str | Path],
     options: Mapping[str, object],
 ) -> bytes:
-    chosen = changed(USUAL, options)
+    chosen = flight_options_with(USUAL, options)
     benches = tuple(map(Path, bench_files))
-    choice = Choice(seed=seed, set_=settings_of(overrides), bench_file=benches)
+    choice = RunSelection(seed=seed, set_=set_option_texts(overrides), bench_file=benches)
     load_search(Path(file), choice.options())  # raises BadInput here, before a process starts
     return encode_request(FlightRequest(file=Path(file), choice=choice, options=chosen))
 
@@ -122,7 +124,7 @@ def _results_of(
     """Return the results of a search when it is over."""
     ended = process.wait(on_result, on_message)
     folder = Path(ended.folder)
-    document = read_json(folder / FILE_NAME)
+    document = read_limited_json(folder / FILE_NAME)
     return SearchResults(folder=folder, document=document, exit_code=ended.exit_code)
 
 

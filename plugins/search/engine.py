@@ -7,10 +7,10 @@ from typing import Protocol
 
 from wil_campaign.campaigns.expansion.expansion import Campaign
 from wil_campaign.orchestrator.campaign.campaign_runner import fly_campaign
-from wil_campaign.orchestrator.campaign.display_thread import Display
-from wil_campaign.orchestrator.campaign.flight_options import Cleared, FlightOptions
+from wil_campaign.orchestrator.campaign.display_thread import ProgressDisplay
+from wil_campaign.orchestrator.campaign.flight_options import ClearedCampaign, FlightOptions
 from wil_campaign.orchestrator.campaign.resuming.attached_vehicles import attached_vehicles
-from wil_campaign.orchestrator.cli.arming_consent import NotConfirmedError, clear
+from wil_campaign.orchestrator.cli.arming_consent import NotConfirmedError, clear_for_flight
 from wil_campaign.orchestrator.run_results.run_result import RunResult, Stop
 
 _SIGNAL, _COMMAND, _BROKEN = 130, 4, 3
@@ -29,7 +29,7 @@ class EngineResult:
     is_broken: bool = False
 
 
-class Engine(Protocol):
+class SearchEngine(Protocol):
     """Flies campaigns for a search, each into its own folder (protocol)."""
 
     def fly(self, campaign: Campaign, folder: Path) -> EngineResult:
@@ -47,8 +47,8 @@ class BatchEngine:
     None where nothing that is attached flies.
     """
 
-    cleared: Cleared
-    watcher: Display
+    cleared: ClearedCampaign
+    watcher: ProgressDisplay
     asks: FlightOptions | None = None
 
     def fly(self, campaign: Campaign, folder: Path) -> EngineResult:
@@ -69,11 +69,11 @@ class BatchEngine:
             is_broken=outcome.exit_code == _BROKEN,
         )
 
-    def _ask(self, campaign: Campaign, options: FlightOptions) -> Cleared:
+    def _ask(self, campaign: Campaign, options: FlightOptions) -> ClearedCampaign:
         """Return what a person has cleared the batch's flights to be flown as.
 
         Raises RefusedError; NotConfirmedError without consent.
         """
         self.watcher.say("bring the vehicles back to their starts; then consent to the next flight")
         self.watcher.settle()
-        return clear(campaign, options)
+        return clear_for_flight(campaign, options)

@@ -14,9 +14,9 @@ from typing import Any
 
 from pydantic import TypeAdapter, ValidationError
 
-from wil_campaign.foundation.files.document_writer import sync_folder, to_json, write_whole
+from wil_campaign.foundation.files.document_writer import sync_folder, to_json, write_atomically
 from wil_campaign.plugins.search.errors import SearchError
-from wil_campaign.plugins.search.exploration.model import Batch, FlightOutcome
+from wil_campaign.plugins.search.exploration.model import FlightBatch, FlightOutcome
 
 FILE_NAME = "ledger.jsonl"
 
@@ -67,7 +67,7 @@ def read_ledger(text: str) -> LedgerContents:
     return contents
 
 
-class Ledger:
+class SearchLedger:
     """A ledger on the disk; each line is synced before the call returns. Raises OSError."""
 
     def __init__(self, path: Path, contents: LedgerContents) -> None:
@@ -75,14 +75,14 @@ class Ledger:
         self._contents = contents
 
     @classmethod
-    def new(cls, folder: Path, *, at_once: int) -> "Ledger":
+    def new(cls, folder: Path, *, at_once: int) -> "SearchLedger":
         """Return the ledger of a new search."""
         path = folder / FILE_NAME
-        write_whole(path, to_json({"at_once": at_once}, indent=None))
+        write_atomically(path, to_json({"at_once": at_once}, indent=None))
         return cls(path, LedgerContents(at_once))
 
     @classmethod
-    def resumed(cls, folder: Path) -> "Ledger":
+    def resumed(cls, folder: Path) -> "SearchLedger":
         """Return the ledger of an interrupted search. Raises SearchError."""
         path = folder / FILE_NAME
         try:
@@ -93,7 +93,7 @@ class Ledger:
         contents = read_ledger(text)
         whole = text[: text.rfind("\n") + 1]
         if whole != text:
-            write_whole(path, whole)
+            write_atomically(path, whole)
         return cls(path, contents)
 
     @property
@@ -106,7 +106,7 @@ class Ledger:
         """Return whether a batch had an internal error."""
         return self._contents.is_broken
 
-    def outcomes(self, batch: Batch) -> tuple[FlightOutcome, ...] | None:
+    def outcomes(self, batch: FlightBatch) -> tuple[FlightOutcome, ...] | None:
         """Return the outcomes of a batch; None if it is not finished.
 
         Raises SearchError if the ledger has another batch with this number.
@@ -120,14 +120,16 @@ class Ledger:
             )
         return self._contents.outcomes.get(batch.number)
 
-    def begin(self, batch: Batch) -> None:
+    def begin(self, batch: FlightBatch) -> None:
         """Record that a batch begins, unless that is recorded already."""
         if batch.number not in self._contents.batches:
             plain = _to_json_values(batch)
             self._contents.batches[batch.number] = plain
             self._append({"begun": plain})
 
-    def finish(self, batch: Batch, outcomes: Sequence[FlightOutcome], *, is_broken: bool) -> None:
+    def finish(
+        self, batch: FlightBatch, outcomes: Sequence[FlightOutcome], *, is_broken: bool
+    ) -> None:
         """Record the outcomes of a batch."""
         self._contents.outcomes[batch.number] = tuple(outcomes)
         self._contents.is_broken |= is_broken
@@ -142,5 +144,5 @@ class Ledger:
         sync_folder(self._path.parent)
 
 
-def _to_json_values(batch: Batch) -> Any:
+def _to_json_values(batch: FlightBatch) -> Any:
     return json.loads(to_json(batch, indent=None))

@@ -10,27 +10,31 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from wil_campaign.campaigns.expansion.expansion import Options
+from wil_campaign.campaigns.expansion.expansion import ExpansionOptions
 from wil_campaign.campaigns.setup.bench_file import load_benches
 from wil_campaign.foundation.clocks.virtual_loop import Clock
-from wil_campaign.orchestrator.campaign.display_thread import Display, DisplayThread
+from wil_campaign.orchestrator.campaign.display_thread import DisplayThread, ProgressDisplay
 from wil_campaign.orchestrator.campaign.flight_options import FlightOptions
-from wil_campaign.orchestrator.campaign.folder.campaign_folder import OutputError, TakenError
+from wil_campaign.orchestrator.campaign.folder.campaign_folder import FolderTakenError, OutputError
 from wil_campaign.orchestrator.campaign.resuming.unchanged_campaign import ResumeError
 from wil_campaign.orchestrator.campaign.workers.run_engine import LOCAL, EngineError
-from wil_campaign.orchestrator.cli.arming_consent import RefusedError
+from wil_campaign.orchestrator.cli.arming_consent import FlightRefusedError
 from wil_campaign.orchestrator.cli.engine_flight import check_engine, result_store
-from wil_campaign.orchestrator.cli.progress_display import LineDisplay, display_of, plain_console
-from wil_campaign.orchestrator.cli.standard_streams import err, out
-from wil_campaign.orchestrator.cli.text_table import table
+from wil_campaign.orchestrator.cli.progress_display import (
+    LineDisplay,
+    plain_console,
+    progress_display_of,
+)
+from wil_campaign.orchestrator.cli.standard_streams import write_stderr, write_stdout
+from wil_campaign.orchestrator.cli.text_table import table_lines
 from wil_campaign.orchestrator.operator.errors import OperatingError
 from wil_campaign.plugins.search.errors import SearchError
-from wil_campaign.plugins.search.exploration.coverage import coverage_of
+from wil_campaign.plugins.search.exploration.coverage import space_coverage_of
 from wil_campaign.plugins.search.exploration.model import FailingCase
 from wil_campaign.plugins.search.exploration.search_campaign import SearchCampaign
 from wil_campaign.plugins.search.exploration.strategies import MissingExtraError
 from wil_campaign.plugins.search.search_document import FILE_NAME, unsettled_texts
-from wil_campaign.plugins.search.search_flight import fly_file, write_report
+from wil_campaign.plugins.search.search_flight import fly_search_file, write_search_report
 from wil_campaign.plugins.search.search_runner import SearchOutcome
 
 
@@ -51,7 +55,7 @@ def search_text(search: SearchCampaign, outcome: SearchOutcome) -> str:
         for failing_case in found.cases
     ]
     heads = ("variant", "mode", "standing", "failed", "rate", "cause", "reduced to", "file")
-    shown = [f"{table(heads, rows)}\n"] if rows else []
+    shown = [f"{table_lines(heads, rows)}\n"] if rows else []
     return "\n".join([*shown, *_sentences(search, outcome)])
 
 
@@ -75,7 +79,7 @@ def _sentences(search: SearchCampaign, outcome: SearchOutcome) -> Iterator[str]:
         yield f"gap from {gap.lower} to {gap.upper}: {mean} of the objective, by {pairs} pairs"
     for (mode, purpose), cost in found.costs.items():
         yield f"{mode}, {purpose}: {cost.flights} flights, {cost.flight_s:.0f} s in flight"
-    covered = coverage_of(
+    covered = space_coverage_of(
         search.space, [tried_variant.variant.values for tried_variant in found.tried]
     )
     yield f"coverage: {covered.flown} of {covered.cells} pairs of cells ({covered.share:.0%})"
@@ -156,38 +160,38 @@ def search(
     try:
         check_engine(engine)  # before anything is read
         result_store(options)
-        selection = Options(
+        selection = ExpansionOptions(
             seed=seed, sets=set_, is_autonomy_isolated=True, benches=load_benches(bench_file)
         )
-        found, outcome = fly_file(
+        found, outcome = fly_search_file(
             file, selection, options, partial(_display, json=json_, asks=arm_real)
         )
-    except (OutputError, OperatingError, TakenError) as error:
-        err(error)
+    except (OutputError, OperatingError, FolderTakenError) as error:
+        write_stderr(error)
         return 3
-    except (RefusedError, EngineError) as error:
-        err(error)
+    except (FlightRefusedError, EngineError) as error:
+        write_stderr(error)
         return error.code
     except (ResumeError, SearchError, MissingExtraError) as error:
-        err(error)
+        write_stderr(error)
         return 2
     _print(found, outcome, json=json_)
     return outcome.exit_code
 
 
-def _display(total: int, *, json: bool, asks: bool) -> Display:
+def _display(total: int, *, json: bool, asks: bool) -> ProgressDisplay:
     """Return the progress display of at most `total` flights. asks: a person between them."""
     if asks and not json:
         # Nothing is drawn again over a question.
         return DisplayThread(LineDisplay(console=plain_console(soft_wrap=True), total=total))
-    return display_of(json=json, total=total)
+    return progress_display_of(json=json, total=total)
 
 
 def _print(found: SearchCampaign, outcome: SearchOutcome, *, json: bool) -> None:
     """Print the result of a search, and where its report and its results are."""
-    report = write_report(found, outcome, err)
+    report = write_search_report(found, outcome, write_stderr)
     if json:
-        out((outcome.folder / FILE_NAME).read_text("utf-8").rstrip())
+        write_stdout((outcome.folder / FILE_NAME).read_text("utf-8").rstrip())
         return
     console = plain_console(soft_wrap=True)
     console.print(search_text(found, outcome))

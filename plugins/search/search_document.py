@@ -3,8 +3,8 @@
 from collections.abc import Mapping
 from typing import Any
 
-from wil_campaign.plugins.search.exploration.coverage import coverage_of
-from wil_campaign.plugins.search.exploration.model import FailingCase, Findings, TriedVariant
+from wil_campaign.plugins.search.exploration.coverage import space_coverage_of
+from wil_campaign.plugins.search.exploration.model import FailingCase, SearchFindings, TriedVariant
 from wil_campaign.plugins.search.exploration.search_campaign import SearchCampaign
 from wil_campaign.plugins.search.exploration.sensed import EDGES_M, SensedCoverage, sensed_coverage
 
@@ -13,7 +13,7 @@ FILE_NAME = "search.json"
 
 def search_document(
     search: SearchCampaign,
-    findings: Findings,
+    findings: SearchFindings,
     *,
     ended: str,
     files: Mapping[str, str],
@@ -72,7 +72,7 @@ def search_document(
             for (mode, purpose), cost in findings.costs.items()
         ],
         "coverage": _coverage_entry(search, findings),
-        "sensed": [_sensed_entry(coverage) for coverage in sensed_of(findings)],
+        "sensed": [_sensed_entry(coverage) for coverage in sensed_coverage_of(findings)],
         "variants": [_variant_entry(tried_variant) for tried_variant in findings.tried],
         "refused": [
             {"name": variant.name, "values": dict(variant.values), "reason": why}
@@ -81,7 +81,7 @@ def search_document(
     }
 
 
-def sensed_of(findings: Findings) -> tuple[SensedCoverage, ...]:
+def sensed_coverage_of(findings: SearchFindings) -> tuple[SensedCoverage, ...]:
     """Return what the sensors had in view in all flights with PASS or FAIL."""
     proven = (
         flight_outcome
@@ -93,7 +93,7 @@ def sensed_of(findings: Findings) -> tuple[SensedCoverage, ...]:
     )
 
 
-def unsettled_texts(findings: Findings) -> list[str]:
+def unsettled_texts(findings: SearchFindings) -> list[str]:
     """Return in words what of a search is unsettled: open failures, variants without a result.
 
     Also at which rate what is not confirmed may still fail.
@@ -191,9 +191,9 @@ def _failure_entry(
     }
 
 
-def _coverage_entry(search: SearchCampaign, findings: Findings) -> dict[str, Any]:
+def _coverage_entry(search: SearchCampaign, findings: SearchFindings) -> dict[str, Any]:
     """Return the entry of how much of the space was flown."""
-    coverage = coverage_of(
+    coverage = space_coverage_of(
         search.space, [tried_variant.variant.values for tried_variant in findings.tried]
     )
     return {

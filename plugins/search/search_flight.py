@@ -4,23 +4,23 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
-from wil_campaign.campaigns.expansion.expansion import Options
-from wil_campaign.orchestrator.campaign.display_thread import Display
+from wil_campaign.campaigns.expansion.expansion import ExpansionOptions
+from wil_campaign.orchestrator.campaign.display_thread import ProgressDisplay
 from wil_campaign.orchestrator.campaign.flight_options import FlightOptions
 from wil_campaign.orchestrator.campaign.folder.bench_lock import held_benches
-from wil_campaign.orchestrator.campaign.folder.campaign_folder import require_writable
+from wil_campaign.orchestrator.campaign.folder.campaign_folder import require_writable_results
 from wil_campaign.orchestrator.campaign.resuming.attached_vehicles import attached_vehicles
 from wil_campaign.orchestrator.campaign.workers.run_engine import LOCAL
 from wil_campaign.orchestrator.campaign.workers.run_server import start_run_server
 from wil_campaign.orchestrator.cli.arming_consent import (
     REFUSED,
-    RefusedError,
-    clear,
+    FlightRefusedError,
+    clear_for_flight,
     has_terminal,
     require_may_arm,
     user_name,
 )
-from wil_campaign.orchestrator.cli.engine_flight import on_engine
+from wil_campaign.orchestrator.cli.engine_flight import cleared_on_engine
 from wil_campaign.plugins.search.engine import BatchEngine
 from wil_campaign.plugins.search.exploration.search import most_flights
 from wil_campaign.plugins.search.exploration.search_campaign import SearchCampaign
@@ -29,8 +29,11 @@ from wil_campaign.plugins.search.report import search_report
 from wil_campaign.plugins.search.search_runner import SearchOutcome, fly_search
 
 
-def fly_file(
-    file: Path, selection: Options, options: FlightOptions, display_of: Callable[[int], Display]
+def fly_search_file(
+    file: Path,
+    selection: ExpansionOptions,
+    options: FlightOptions,
+    display_of: Callable[[int], ProgressDisplay],
 ) -> tuple[SearchCampaign, SearchOutcome]:
     """Fly the search of a campaign file. display_of: shows it, given its largest number of flights.
 
@@ -41,17 +44,17 @@ def fly_file(
     attached = bool(attached_vehicles(found.flown))
     if attached:
         _require_person(found, options)
-    require_writable(options.out, junit=None)
+    require_writable_results(options.out, junit=None)
     start_run_server()
     # Where a vehicle is attached, the person is asked before each batch.
-    here = clear(found.flown, replace(options, arm=not attached))
+    here = clear_for_flight(found.flown, replace(options, arm=not attached))
     if here.settings:
         found = load_search(file, replace(selection, sets=(*selection.sets, *here.settings)))
     most = most_flights(found.problem(at_once=here.jobs))
     benches = found.campaign.benches if attached else ()
     with (
         held_benches(benches),
-        on_engine(found.flown, options, here, runs=most, again=True) as cleared,
+        cleared_on_engine(found.flown, options, here, runs=most, again=True) as cleared,
     ):
         most = most_flights(found.problem(at_once=cleared.jobs))
         with display_of(most) as display:
@@ -65,7 +68,7 @@ def fly_file(
             return found, fly_search(found, options, cleared, engine, display.say)
 
 
-def write_report(
+def write_search_report(
     search: SearchCampaign, outcome: SearchOutcome, err: Callable[[str], object]
 ) -> Path | None:
     """Write the report of a search; return its path, or None after an error message to `err`."""
@@ -84,20 +87,20 @@ def _require_person(found: SearchCampaign, options: FlightOptions) -> None:
     names = " and ".join(flown.name for flown in attached)
     where = "".join(f" of bench {bench.name}" for bench in found.campaign.benches)
     if not options.arm_real:
-        raise RefusedError(
+        raise FlightRefusedError(
             f"{names}{where}: a search flies no attached vehicle without --arm-real, and a person "
             "at the terminal who brings it back to its start and consents before each batch; else "
             "give a budget to mode sim alone, and fly the files of failures by `run`",
             REFUSED,
         )
     if options.engine != LOCAL:
-        raise RefusedError(
+        raise FlightRefusedError(
             f"--engine {options.engine}: {names} is attached to one machine, where consent to arm "
             "is given; search there with --engine local",
             REFUSED,
         )
     if not has_terminal():
-        raise RefusedError(
+        raise FlightRefusedError(
             f"{names}{where}: a search arms an attached vehicle only with a person at a terminal, "
             "who consents before each batch",
             REFUSED,

@@ -3,18 +3,18 @@
 import sys
 
 from wil_campaign.orchestrator.campaign.display_thread import DisplayThread
-from wil_campaign.orchestrator.cli.arming_consent import REFUSED, RefusedError
+from wil_campaign.orchestrator.cli.arming_consent import REFUSED, FlightRefusedError
 from wil_campaign.orchestrator.cli.engine_flight import check_engine, result_store
 from wil_campaign.plugins.python.flight_messages import CampaignEnded, decode_request
-from wil_campaign.plugins.python.flight_process import MessageWatcher, serve
+from wil_campaign.plugins.python.flight_process import MessageWatcher, serve_flight_request
 from wil_campaign.plugins.search.errors import SearchError
 from wil_campaign.plugins.search.exploration.strategies import MissingExtraError
-from wil_campaign.plugins.search.search_flight import fly_file, write_report
+from wil_campaign.plugins.search.search_flight import fly_search_file, write_search_report
 
 
 def main() -> int:
     """Fly the search that is requested on standard input."""
-    return serve(_fly_search)
+    return serve_flight_request(_fly_search)
 
 
 def _fly_search(line: bytes, watcher: MessageWatcher) -> CampaignEnded:
@@ -23,15 +23,15 @@ def _fly_search(line: bytes, watcher: MessageWatcher) -> CampaignEnded:
     check_engine(request.options.engine)
     result_store(request.options)
     try:
-        found, outcome = fly_file(
+        found, outcome = fly_search_file(
             request.file,
             request.choice.options(),
             request.options,
             lambda _: DisplayThread(watcher),
         )
     except (SearchError, MissingExtraError) as error:
-        raise RefusedError(str(error), REFUSED) from error
-    write_report(found, outcome, watcher.say)
+        raise FlightRefusedError(str(error), REFUSED) from error
+    write_search_report(found, outcome, watcher.say)
     return CampaignEnded(folder=str(outcome.folder), exit_code=outcome.exit_code)
 
 

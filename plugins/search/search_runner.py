@@ -14,36 +14,39 @@ import yaml
 from wil_campaign.campaigns.expansion.expansion import RunPlan
 from wil_campaign.campaigns.schema import matrix_keys
 from wil_campaign.campaigns.setup.overrides import Override
-from wil_campaign.foundation.files.document_writer import to_json, write_whole
+from wil_campaign.foundation.files.document_writer import to_json, write_atomically
 from wil_campaign.foundation.files.documents import Data
-from wil_campaign.foundation.files.yaml_nodes import plain
-from wil_campaign.orchestrator.campaign.flight_options import Cleared, FlightOptions
+from wil_campaign.foundation.files.yaml_nodes import plain_value_of_node
+from wil_campaign.orchestrator.campaign.flight_options import ClearedCampaign, FlightOptions
 from wil_campaign.orchestrator.campaign.folder.campaign_folder import (
+    FolderTakenError,
     OutputError,
-    TakenError,
-    held,
-    make_folder,
+    locked_campaign_folder,
+    make_campaign_folder,
 )
-from wil_campaign.orchestrator.campaign.folder.manifest import manifest
+from wil_campaign.orchestrator.campaign.folder.manifest import campaign_manifest
 from wil_campaign.orchestrator.campaign.resuming.unchanged_campaign import (
     resumed_folder,
     resumed_manifest,
 )
 from wil_campaign.orchestrator.run_results.attempts import ended_attempts, passed_text
 from wil_campaign.orchestrator.run_results.run_result import RunResult, Stop
-from wil_campaign.plugins.search.engine import Engine
+from wil_campaign.plugins.search.engine import SearchEngine
 from wil_campaign.plugins.search.exploration.learning_strategies import make_strategy
 from wil_campaign.plugins.search.exploration.model import (
-    Batch,
     FailingCase,
-    Findings,
-    Flight,
+    FlightBatch,
     FlightOutcome,
+    SearchFindings,
+    SearchFlightPlan,
 )
 from wil_campaign.plugins.search.exploration.search import Search, failure_name
-from wil_campaign.plugins.search.exploration.search_campaign import SearchCampaign, override_of
-from wil_campaign.plugins.search.exploration.strategies import Strategy
-from wil_campaign.plugins.search.ledger import Ledger
+from wil_campaign.plugins.search.exploration.search_campaign import (
+    SearchCampaign,
+    override_by_parameter,
+)
+from wil_campaign.plugins.search.exploration.strategies import SearchStrategy
+from wil_campaign.plugins.search.ledger import SearchLedger
 from wil_campaign.plugins.search.search_document import FILE_NAME, search_document
 from wil_campaign.plugins.search.sensed_views import sensed_views
 
@@ -93,9 +96,9 @@ def _case_overrides(search: SearchCampaign, case: FailingCase, folder: Path) -> 
     given = (*search.case_overrides, *search.option_overrides)
     changed = search.overrides(case.reduced.values).items()
     values: list[tuple[Override, Data]] = [
-        (override, plain(override.entry.node)) for override in given
+        (override, plain_value_of_node(override.entry.node)) for override in given
     ]
-    values += [(override_of(key, value), value) for key, value in changed]
+    values += [(override_by_parameter(key, value), value) for key, value in changed]
     return {
         key: _relocate_paths(value, home, folder, key=key) if override.file == "campaign" else value
         for override, value in values
@@ -146,7 +149,7 @@ _CODES: Mapping[Stop, int] = {"signal": 130, "command": 4}
 class SearchOutcome:
     """The outcome of a search. ended: why it ended. files: of confirmed failures, by variant."""
 
-    findings: Findings
+    findings: SearchFindings
     folder: Path
     ended: str
     files: Mapping[str, str]
@@ -156,8 +159,8 @@ class SearchOutcome:
 def fly_search(
     search: SearchCampaign,
     options: FlightOptions,
-    cleared: Cleared,
-    engine: Engine,
+    cleared: ClearedCampaign,
+    engine: SearchEngine,
     say: Callable[[str], None],
 ) -> SearchOutcome:
     """Fly a search and write its folder, beneath `options.out`.
@@ -171,27 +174,27 @@ def fly_search(
         try:
             folder, ledger = _begin(search, options, cleared, stack)
             return _SearchFlight(search, engine, folder, ledger, say).fly(strategy)
-        except (TakenError, OSError) as error:
+        except (FolderTakenError, OSError) as error:
             raise OutputError(f"{error}; choose another folder with --out") from error
 
 
 def _begin(
-    search: SearchCampaign, options: FlightOptions, cleared: Cleared, stack: ExitStack
-) -> tuple[Path, Ledger]:
+    search: SearchCampaign, options: FlightOptions, cleared: ClearedCampaign, stack: ExitStack
+) -> tuple[Path, SearchLedger]:
     """Return the search's folder, locked until the stack ends, and its ledger."""
     home = options.out / search.campaign.name
-    document: Mapping[str, object] = manifest(search.campaign, cleared.clock)
+    document: Mapping[str, object] = campaign_manifest(search.campaign, cleared.clock)
     if not options.resume:
-        folder = make_folder(home / SEARCHES)
-        stack.enter_context(held(folder))
-        ledger = Ledger.new(folder, at_once=cleared.jobs)
+        folder = make_campaign_folder(home / SEARCHES)
+        stack.enter_context(locked_campaign_folder(folder))
+        ledger = SearchLedger.new(folder, at_once=cleared.jobs)
     else:
         is_folder = (options.out / "campaign.json").is_file()
         folder = resumed_folder(options.out if is_folder else home, SEARCHES)
         document = resumed_manifest(folder, document)
-        stack.enter_context(held(folder))
-        ledger = Ledger.resumed(folder)
-    write_whole(folder / "campaign.json", to_json(document))
+        stack.enter_context(locked_campaign_folder(folder))
+        ledger = SearchLedger.resumed(folder)
+    write_atomically(folder / "campaign.json", to_json(document))
     return folder, ledger
 
 
@@ -201,9 +204,9 @@ class _SearchFlight:
     def __init__(
         self,
         search: SearchCampaign,
-        engine: Engine,
+        engine: SearchEngine,
         folder: Path,
-        ledger: Ledger,
+        ledger: SearchLedger,
         say: Callable[[str], None],
     ) -> None:
         self._search = search
@@ -213,7 +216,7 @@ class _SearchFlight:
         self._say = say
         self._files: dict[str, str] = {}
 
-    def fly(self, strategy: Strategy) -> SearchOutcome:
+    def fly(self, strategy: SearchStrategy) -> SearchOutcome:
         """Fly until the search is complete, or is stopped."""
         search = Search(self._search.problem(at_once=self._ledger.at_once), strategy)
         try:
@@ -229,7 +232,7 @@ class _SearchFlight:
             folder=self._folder,
             ended=ended,
             files=dict(self._files),
-            exit_code=exit_code_of(findings, stopped=stopped, is_broken=self._ledger.is_broken),
+            exit_code=search_exit_code(findings, stopped=stopped, is_broken=self._ledger.is_broken),
         )
 
     def _fly_all(self, search: Search) -> Stop | None:
@@ -248,7 +251,7 @@ class _SearchFlight:
                     return flown
                 outcomes = flown
 
-    def _fly_batch(self, batch: Batch) -> tuple[FlightOutcome, ...] | Stop:
+    def _fly_batch(self, batch: FlightBatch) -> tuple[FlightOutcome, ...] | Stop:
         """Fly a batch; return its outcomes, or what stopped it."""
         self._ledger.begin(batch)
         names = ", ".join(dict.fromkeys(flight.variant.name for flight in batch.flights))
@@ -278,21 +281,21 @@ class _SearchFlight:
         )
         return replace(outcome, sensed=sensed_views(plan, folder))
 
-    def _write(self, findings: Findings, ended: str) -> None:
+    def _write(self, findings: SearchFindings, ended: str) -> None:
         """Write the campaign files of confirmed failures, and search.json."""
         place = self._folder / FOLDER
         for case in findings.confirmed:
             place.mkdir(exist_ok=True)
             path = place / f"{case.variant.name}.yaml"
-            write_whole(path, failure_text(self._search, case, place))
+            write_atomically(path, failure_text(self._search, case, place))
             self._files[case.variant.name] = f"{FOLDER}/{path.name}"
         document = search_document(
             self._search, findings, ended=ended, files=self._files, at_once=self._ledger.at_once
         )
-        write_whole(self._folder / FILE_NAME, to_json(document))
+        write_atomically(self._folder / FILE_NAME, to_json(document))
 
 
-def exit_code_of(findings: Findings, *, stopped: Stop | None, is_broken: bool) -> int:
+def search_exit_code(findings: SearchFindings, *, stopped: Stop | None, is_broken: bool) -> int:
     """Return the exit code of a search; the first of 130, 4, 3, 1, 5, 0.
 
     1: a failure is confirmed. 3: an internal error; or a failure is neither confirmed nor refuted,
@@ -316,5 +319,5 @@ def _reason(result: RunResult) -> str:
     return passed_text(ended_attempts(result.attempts))
 
 
-def _run_name(flight: Flight) -> str:
+def _run_name(flight: SearchFlightPlan) -> str:
     return f"{flight.variant.name}/{flight.mode}/{flight.repetition}"

@@ -17,16 +17,21 @@ from wil_campaign.campaigns.expansion.expansion import RunPlan
 from wil_campaign.campaigns.values.sensor_setups import (
     CameraSetup,
     DepthSetup,
-    OtherSetup,
+    OtherSensorSetup,
     SensorSetup,
 )
 from wil_campaign.orchestrator.recording.judge_log_file import FILE_NAME
 from wil_campaign.orchestrator.state.run_setup import RunOrder, RunSetup
-from wil_campaign.plugins.search.exploration.sensed import SECTORS, Cell, SensedView, level_of
+from wil_campaign.plugins.search.exploration.sensed import (
+    SECTORS,
+    Cell,
+    SensedView,
+    sensed_level_of,
+)
 from wil_campaign.safety.evaluation.judge_log import (
     ActorPose,
     JudgeLogError,
-    WorldEvent,
+    LoggedWorldEvent,
     read_judge_log,
 )
 from wil_campaign.safety.model.samples import PoseSample, StageSample
@@ -137,7 +142,7 @@ def _goal_poses(stream: BinaryIO, subject: str, events: RunHistory) -> Iterator[
     due_s = math.inf
     for sample in read_judge_log(stream):
         match sample:
-            case WorldEvent(t_s, name):
+            case LoggedWorldEvent(t_s, name):
                 events[name] = t_s
             case ActorPose(t_s, name, pose, velocity):
                 events.add_pose(name, t_s, pose, velocity)
@@ -161,7 +166,7 @@ def _record_nearest(eye: _SensorRays, pose: Pose, views: _Views, hits: RayHits) 
     beside[is_hit] = np.abs(down[is_hit] * ranges_m[is_hit]) <= _BESIDE_M
     nearest = np.full(SECTORS, np.inf)
     np.minimum.at(nearest, eye.sectors[beside], ranges_m[beside])
-    levels = [level_of(one) for one in nearest.tolist()]
+    levels = [sensed_level_of(one) for one in nearest.tolist()]
     views.reduced.add("".join(map(str, levels)))
     views.cells.update(enumerate(levels))
     views.nearest_m = min(views.nearest_m, float(nearest.min()))
@@ -179,7 +184,7 @@ def _record_objects(
             continue
         hit, views = hits.object_ids == number, views_of[eye.sensor, names[number]]
         nearest_m = float(hits.ranges_m[hit].min())
-        views.cells.add((round(float(eye.sectors[hit].mean())), level_of(nearest_m)))
+        views.cells.add((round(float(eye.sectors[hit].mean())), sensed_level_of(nearest_m)))
         views.nearest_m = min(views.nearest_m, nearest_m)
         views.largest_share = max(views.largest_share, float(hit.mean()))
 
@@ -199,7 +204,7 @@ def _rays_of(sensor: SensorSetup) -> _SensorRays | None:
         case DepthSetup():
             directions, columns = _image_rays(sensor.intrinsics)
             return _ranging_rays(sensor.name, directions, columns, sensor.mount.camera_pose)
-        case OtherSetup(options=SensorOptions(fan=BeamFan() as fan), mount=mount):
+        case OtherSensorSetup(options=SensorOptions(fan=BeamFan() as fan), mount=mount):
             sectors = fan.columns * SECTORS // fan.count
             return _ranging_rays(
                 sensor.name, fan.directions, sectors, lambda body: body.compose(mount)

@@ -25,7 +25,7 @@ DEPTH_ENCODINGS = ("f32", "u16_mm", "png16_mm")
 ID_ENCODINGS = ("u8", "png8")
 
 
-def decode_image(data: Buffer, encoding: str, size: Size) -> BgrImage:
+def decode_image_part(data: Buffer, encoding: str, size: Size) -> BgrImage:
     """Return the image part, (height, width, 3) uint8, a copy. Raises BadMessageError."""
     if encoding in {"bgr8", "rgb8"}:
         image = _raw(data, np.dtype(np.uint8), (size[1], size[0], 3), "image")
@@ -35,7 +35,7 @@ def decode_image(data: Buffer, encoding: str, size: Size) -> BgrImage:
     raise _unknown("image", encoding, IMAGE_ENCODINGS)
 
 
-def decode_depth(data: Buffer, encoding: str, size: Size) -> DepthImage:
+def decode_depth_part(data: Buffer, encoding: str, size: Size) -> DepthImage:
     """Return the depth part, (height, width) float32 metres. Raises BadMessageError."""
     shape = (size[1], size[0])
     if encoding == "f32":
@@ -55,7 +55,7 @@ def decode_depth(data: Buffer, encoding: str, size: Size) -> DepthImage:
     return depth_m
 
 
-def decode_ids(data: Buffer, encoding: str, size: Size) -> IdImage:
+def decode_ids_part(data: Buffer, encoding: str, size: Size) -> IdImage:
     """Return the object id part, (height, width) uint8. Raises BadMessageError."""
     if encoding == "u8":
         return _raw(data, np.dtype(np.uint8), (size[1], size[0]), "ids").copy()
@@ -64,7 +64,7 @@ def decode_ids(data: Buffer, encoding: str, size: Size) -> IdImage:
     raise _unknown("ids", encoding, ID_ENCODINGS)
 
 
-def encode_image(image_bgr: BgrImage, encoding: str, *, jpeg_quality: int = 90) -> Buffer:
+def encode_image_part(image_bgr: BgrImage, encoding: str, *, jpeg_quality: int = 90) -> Buffer:
     """Return the message part of an image; `bgr8` shares its memory. Raises ValueError."""
     if encoding == "bgr8":
         return np.ascontiguousarray(image_bgr).data.cast("B")
@@ -76,12 +76,12 @@ def encode_image(image_bgr: BgrImage, encoding: str, *, jpeg_quality: int = 90) 
     raise ValueError(f"image encoding {encoding!r}; choose bgr8, jpeg or png")
 
 
-def encode_depth(depth_m: DepthImage) -> Buffer:
+def encode_depth_part(depth_m: DepthImage) -> Buffer:
     """Return the message part of a depth image as `f32`."""
     return np.ascontiguousarray(depth_m, "<f4").data.cast("B")
 
 
-def encode_ids(object_ids: IdImage) -> Buffer:
+def encode_ids_part(object_ids: IdImage) -> Buffer:
     """Return the message part of object ids as `u8`."""
     return np.ascontiguousarray(object_ids).data.cast("B")
 

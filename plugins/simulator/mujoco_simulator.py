@@ -25,13 +25,13 @@ NEAR_M, FAR_M, WALL_M = 0.05, 100.0, 0.05
 Shapes = Mapping[str, Mapping[str, Any]]
 
 
-def turned(q_wxyz: list[float]) -> tuple[float, float, float, float]:
+def mujoco_quaternion(q_wxyz: list[float]) -> tuple[float, float, float, float]:
     """Return a quaternion in MuJoCo's axes."""
     w, x, y, z = q_wxyz
     return w, x, -y, -z
 
 
-def boxes(shape: Mapping[str, Any]) -> Iterator[tuple[Any, Any]]:
+def boxes_of_shape(shape: Mapping[str, Any]) -> Iterator[tuple[Any, Any]]:
     """Yield half size and middle of each box of a shape, along its forward, left and up axes."""
     depth, width, height = (size / 2 for size in shape["size_m"])
     if shape.get("form") == "square":
@@ -51,22 +51,22 @@ def boxes(shape: Mapping[str, Any]) -> Iterator[tuple[Any, Any]]:
         raise ValueError(f"this simulator draws no {shape.get('form', '')} {shape['kind']}")
 
 
-def model_of(shapes: Shapes) -> Any:
+def mujoco_model_of(shapes: Shapes) -> Any:
     """Compile MuJoCo's model of the objects, each a body of that name."""
     spec = mujoco.MjSpec()
     spec.visual.headlight.ambient, spec.visual.headlight.diffuse = (0.6,) * 3, (0,) * 3
     sun = {"type": mujoco.mjtLightType.mjLIGHT_DIRECTIONAL, "dir": (1, -0.5, -2)}
     spec.worldbody.add_light(castshadow=False, diffuse=(0.5,) * 3, specular=(0,) * 3, **sun)
     for name, shape in shapes.items():
-        place, turn = np.array(shape["position_ned_m"]) * NWU, turned(shape["q_wxyz"])
+        place, turn = np.array(shape["position_ned_m"]) * NWU, mujoco_quaternion(shape["q_wxyz"])
         body = spec.worldbody.add_body(name=name, pos=place, quat=turn, mocap=True)
         rgba = (*(part / 255 for part in shape.get("color_rgb", GREY)), 1)
-        for half, middle in boxes(shape):
+        for half, middle in boxes_of_shape(shape):
             body.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=half, pos=middle, rgba=rgba)
     return spec.compile()
 
 
-def shapes_of(model: Any, shapes: Shapes) -> dict[str, dict[str, Any]]:
+def measured_shapes(model: Any, shapes: Shapes) -> dict[str, dict[str, Any]]:
     """Measure the bodies of the compiled model: what is drawn, not what was requested."""
     measured = {}
     for name, shape in shapes.items():
@@ -79,7 +79,7 @@ def shapes_of(model: Any, shapes: Shapes) -> dict[str, dict[str, Any]]:
             "kind": shape["kind"],
             "size_m": (inner if shape["kind"] == "room" else high - low).tolist(),
             "position_ned_m": (body.pos * NWU).tolist(),
-            "q_wxyz": turned(body.quat.tolist()),
+            "q_wxyz": mujoco_quaternion(body.quat.tolist()),
             **({"opening_m": float(inner[1]), "form": "square"} if "form" in shape else {}),
         }
     return measured
@@ -107,8 +107,8 @@ class DrawnScene:
     """The scene that one `hello` requested, as MuJoCo draws it."""
 
     def __init__(self, hello: Mapping[str, Any]) -> None:
-        self.model = model_of(hello["shapes"])
-        self.shapes = shapes_of(self.model, hello["shapes"])
+        self.model = mujoco_model_of(hello["shapes"])
+        self.shapes = measured_shapes(self.model, hello["shapes"])
         self._data = mujoco.MjData(self.model)
         self._ids = np.zeros(self.model.ngeom + 1, np.uint8)  # The last, -1, is the background.
         for geom, body in enumerate(self.model.geom_bodyid):
@@ -122,7 +122,7 @@ class DrawnScene:
         for name, moved in ask["moved"].items():
             mocap = self.model.body(name).mocapid[0]
             self._data.mocap_pos[mocap] = np.array(moved["position_ned_m"]) * NWU
-            self._data.mocap_quat[mocap] = turned(moved["q_wxyz"])
+            self._data.mocap_quat[mocap] = mujoco_quaternion(moved["q_wxyz"])
         mujoco.mj_kinematics(self.model, self._data)
         mujoco.mj_camlight(self.model, self._data)
         renderer = self._renderer((ask["camera"]["height_px"], ask["camera"]["width_px"]))

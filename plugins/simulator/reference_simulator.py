@@ -16,7 +16,7 @@ import msgpack  # type: ignore[import-untyped]  # ships no types
 import numpy as np
 import zmq
 
-from wil_campaign.foundation.files.documents import BadInput, load
+from wil_campaign.foundation.files.documents import BadInput, load_document
 from wil_campaign.plugins.simulator.shown_world import packed_objects, shown_objects
 from wil_campaign.worlds.camera import Intrinsics
 from wil_campaign.worlds.frames import Pose
@@ -27,7 +27,7 @@ from wil_campaign.worlds.world_file.world import World
 PROTOCOL = "wil/pictures/1"
 
 
-def welcome(scene: Scene, world: str) -> list[bytes]:
+def welcome_reply(scene: Scene, world: str) -> list[bytes]:
     """Return the reference simulator's reply to `hello`: its name, known objects and their shapes.
 
     `hello` says which case of the world is flown. This simulator shows one world file as it is, and
@@ -44,7 +44,7 @@ def welcome(scene: Scene, world: str) -> list[bytes]:
     return [msgpack.packb(answer)]
 
 
-def picture(renderer: Renderer, ask: dict[str, Any]) -> list[bytes]:
+def image_reply(renderer: Renderer, ask: dict[str, Any]) -> list[bytes]:
     """Return the reference simulator's reply to `ask`: the image, its pose and time."""
     # Your engine has another frame: north-east-down metres, and a camera that looks along its x
     # axis with y to the right and z down, have to become yours. See the table in the docs.
@@ -79,25 +79,25 @@ def picture(renderer: Renderer, ask: dict[str, Any]) -> list[bytes]:
     return [msgpack.packb(header), *parts]
 
 
-def refusal(seq: int, message: str) -> list[bytes]:
+def refusal_reply(seq: int, message: str) -> list[bytes]:
     """Return the reference simulator's refusal with the reason, for the run's log."""
     answer = {"protocol": PROTOCOL, "type": "error", "seq": seq, "message": message}
     return [msgpack.packb(answer)]
 
 
-def answer(renderer: Renderer, scene: Scene, world: str, question: bytes) -> list[bytes]:
+def simulator_reply(renderer: Renderer, scene: Scene, world: str, question: bytes) -> list[bytes]:
     """Return the reference simulator's reply to any message, since REP sockets must reply."""
     seq = 0
     try:
         ask = msgpack.unpackb(question)
         if ask["protocol"] != PROTOCOL:
-            return refusal(seq, f"this simulator speaks {PROTOCOL}")
+            return refusal_reply(seq, f"this simulator speaks {PROTOCOL}")
         if ask["type"] == "hello":
-            return welcome(scene, world)
+            return welcome_reply(scene, world)
         seq = ask["seq"]
-        return picture(renderer, ask)
+        return image_reply(renderer, ask)
     except (ValueError, TypeError, KeyError) as error:
-        return refusal(seq, f"the request cannot be read: {type(error).__name__}: {error}")
+        return refusal_reply(seq, f"the request cannot be read: {type(error).__name__}: {error}")
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -108,7 +108,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--mode", choices=["sim", "wil", "real"], default="wil")
     chosen = parser.parse_args(arguments)
     try:
-        scene = World.parse(load(chosen.world)).scene(chosen.mode, "Wv")
+        scene = World.parse(load_document(chosen.world)).scene(chosen.mode, "Wv")
     except BadInput as error:
         sys.stderr.write(f"{error}\n")
         return 2
@@ -122,7 +122,7 @@ def main(arguments: list[str] | None = None) -> int:
         sys.stdout.flush()
         while True:
             parts = socket.recv_multipart()
-            socket.send_multipart(answer(renderer, scene, world, parts[0]))
+            socket.send_multipart(simulator_reply(renderer, scene, world, parts[0]))
 
 
 if __name__ == "__main__":

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from wil_campaign.plugins.readings.messagepack import BadMessageError, Header
+from wil_campaign.plugins.readings.messagepack import BadMessageError, MessageHeader
 from wil_campaign.worlds.frames import Pose, Quat, Vec3, angle_between
 from wil_campaign.worlds.scene.colors import Rgb
 from wil_campaign.worlds.scene.meshes import Material
@@ -120,7 +120,7 @@ def packed_objects(objects: Mapping[str, ShownObject]) -> dict[str, dict[str, An
     }
 
 
-def shown_world(header: Header) -> ShownWorld:
+def shown_world(header: MessageHeader) -> ShownWorld:
     """Return the world that a `welcome` reports to show. Raises BadMessageError."""
     return ShownWorld(
         world=header.text("world") if "world" in header else None,
@@ -129,7 +129,7 @@ def shown_world(header: Header) -> ShownWorld:
     )
 
 
-def _objects_of(shapes: Header) -> dict[str, ShownObject]:
+def _objects_of(shapes: MessageHeader) -> dict[str, ShownObject]:
     found: dict[str, ShownObject] = {}
     for name in shapes.names:
         one = shapes.header(name)
@@ -150,7 +150,7 @@ def _objects_of(shapes: Header) -> dict[str, ShownObject]:
     return found
 
 
-def disagreements(asked: AskedWorld, shown: ShownWorld) -> tuple[str, ...]:
+def world_disagreements(asked: AskedWorld, shown: ShownWorld) -> tuple[str, ...]:
     """Return in words how the shown world differs from the requested one, where it is reported."""
     found = [
         f"it shows the {what} '{reported}', and '{requested}' is flown"

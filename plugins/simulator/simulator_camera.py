@@ -11,16 +11,16 @@ import zmq
 
 from wil_campaign.plugins.readings.messagepack import BadMessageError
 from wil_campaign.plugins.simulator.image_parts import Buffer
-from wil_campaign.plugins.simulator.shown_world import AskedWorld, disagreements
+from wil_campaign.plugins.simulator.shown_world import AskedWorld, world_disagreements
 from wil_campaign.plugins.simulator.simulator_protocol import (
-    Ask,
+    ImageRequest,
     LateAnswerError,
-    RefusedError,
     SimulatedImage,
-    Welcome,
+    SimulatorRefusedError,
+    SimulatorWelcome,
     ask_parts,
     hello_parts,
-    image_of,
+    simulated_image_of,
     welcome_of,
 )
 from wil_campaign.vehicles.cameras.rendered_cameras import NoImageError
@@ -99,12 +99,12 @@ class ZmqImageSource:
         self.counts = SimulatorCounts()
         self.trouble = ""
         """Why the last failed request got no image."""
-        self.welcome = Welcome("")
+        self.welcome = SimulatorWelcome("")
 
     @property
     def disagreements(self) -> tuple[str, ...]:
         """Return in words where the world that it shows differs from the requested one."""
-        return disagreements(self._world, self.welcome.shown)
+        return world_disagreements(self._world, self.welcome.shown)
 
     async def __aenter__(self) -> Self:
         """Connect to the simulator and greet it. Raises SimulatorError."""
@@ -169,11 +169,15 @@ class ZmqImageSource:
         events, moved = self._events(), self._moved(t_s)
         with self._lock:
             self._seq += 1
-            ask = Ask(self._seq, t_s, camera_pose, intrinsics, want_depth, want_ids, events, moved)
+            ask = ImageRequest(
+                self._seq, t_s, camera_pose, intrinsics, want_depth, want_ids, events, moved
+            )
             self._count(asked=1)
             try:
                 image = self._request(
-                    ask_parts(ask), lambda parts: image_of(parts, ask), within_s or self._timeout_s
+                    ask_parts(ask),
+                    lambda parts: simulated_image_of(parts, ask),
+                    within_s or self._timeout_s,
                 )
             except SimulatorError as error:
                 self.trouble = str(error)
@@ -231,7 +235,7 @@ class ZmqImageSource:
                 return read(reply)
             except LateAnswerError:
                 self._count(late=1)
-            except RefusedError as error:
+            except SimulatorRefusedError as error:
                 self._count(refused=1)
                 raise SimulatorError(f"{self.name}: the simulator refused: {error}") from error
             except BadMessageError as error:

@@ -14,9 +14,9 @@ from wil_campaign.orchestrator.run_results.result_parts import SourceResult
 from wil_campaign.plugins.simulator.shown_world import asked_world, poses_of_moving
 from wil_campaign.plugins.simulator.simulator_camera import ZmqImageSource
 from wil_campaign.plugins.simulator.visible_ids import compare_ids
-from wil_campaign.recipes.visibility.coverage import Coverage, uncovered
+from wil_campaign.recipes.visibility.coverage import VisibilityCoverage, uncovered_objects
 from wil_campaign.recipes.visibility.model import FrameVisibility, Ids
-from wil_campaign.recipes.visibility.sampling import sampled_intrinsics, samples_of
+from wil_campaign.recipes.visibility.sampling import image_samples_of, sampled_intrinsics
 from wil_campaign.vehicles.cameras.rendered_cameras import RenderedImage
 from wil_campaign.vehicles.readings import DepthImage, Source
 from wil_campaign.vehicles.sensors.world_views import WorldImages
@@ -85,7 +85,7 @@ class SimulatorCheck:
         self._is_judged: Callable[[], bool] = lambda: False
         self._due_s = 0.0
         self._shower = f"the simulator at {simulator.name}"
-        self.coverage = Coverage(self._shower)
+        self.coverage = VisibilityCoverage(self._shower)
         self.fault = ""
 
     async def __aenter__(self) -> Self:
@@ -171,7 +171,9 @@ class SimulatorCheck:
 
     def look_back(self) -> str:
         """Return in words what was never or hardly shown in the whole flight; "" for nothing."""
-        fault = self.coverage.never_shown() or uncovered((self.coverage,), shower=self._shower)
+        fault = self.coverage.never_shown() or uncovered_objects(
+            (self.coverage,), shower=self._shower
+        )
         return self.fault or (fault.text if fault is not None else "")
 
     def _is_due(self, t_s: float) -> bool:
@@ -190,7 +192,7 @@ class SimulatorCheck:
     def _compare(
         self, ids: Ids, camera_pose: Pose, intrinsics: Intrinsics, t_s: float
     ) -> FrameVisibility:
-        part = samples_of(intrinsics)
+        part = image_samples_of(intrinsics)
         drawn = self._views.picture(
             camera_pose, sampled_intrinsics(intrinsics), t_s, want_depth=True, want_ids=True
         )

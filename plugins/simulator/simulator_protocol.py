@@ -7,12 +7,12 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-from wil_campaign.plugins.readings.messagepack import BadMessageError, Header, pack
+from wil_campaign.plugins.readings.messagepack import BadMessageError, MessageHeader, pack_header
 from wil_campaign.plugins.simulator.image_parts import (
     Buffer,
-    decode_depth,
-    decode_ids,
-    decode_image,
+    decode_depth_part,
+    decode_ids_part,
+    decode_image_part,
 )
 from wil_campaign.plugins.simulator.shown_world import (
     AskedWorld,
@@ -36,7 +36,7 @@ MAX_ANSWER_PARTS = 8
 
 
 @dataclass(frozen=True, slots=True)
-class Ask:
+class ImageRequest:
     """A request of the simulator protocol.
 
     events: times (run clock) for moving objects. moved: where these are at `t_s`, by name.
@@ -62,7 +62,7 @@ class SimulatedImage:
 
 
 @dataclass(frozen=True, slots=True)
-class Welcome:
+class SimulatorWelcome:
     """A simulator's welcome in the protocol.
 
     objects: names that it marks with the requested ids. shown: the world that it shows.
@@ -73,7 +73,7 @@ class Welcome:
     shown: ShownWorld = field(default_factory=ShownWorld)
 
 
-class RefusedError(BadMessageError):
+class SimulatorRefusedError(BadMessageError):
     """The simulator refused a request; the message is the simulator's own."""
 
 
@@ -91,10 +91,10 @@ def hello_parts(asked: AskedWorld) -> list[Buffer]:
         "objects": dict(asked.ids),
         "shapes": packed_objects(asked.objects),
     }
-    return [pack(greeting)]
+    return [pack_header(greeting)]
 
 
-def welcome_of(parts: Sequence[Buffer]) -> Welcome:
+def welcome_of(parts: Sequence[Buffer]) -> SimulatorWelcome:
     """Return the simulator's welcome in its reply to hello.
 
     Raises RefusedError for its own refusal, BadMessageError where it breaks the protocol.
@@ -105,10 +105,10 @@ def welcome_of(parts: Sequence[Buffer]) -> Welcome:
     if header.text("type") != "welcome":
         raise BadMessageError(f"`type` is {header.text('type')!r:.40}, not 'welcome'")
     objects = header.texts("objects") if "objects" in header else ()
-    return Welcome(header.text("simulator"), objects, shown_world(header))
+    return SimulatorWelcome(header.text("simulator"), objects, shown_world(header))
 
 
-def ask_parts(ask: Ask) -> list[Buffer]:
+def ask_parts(ask: ImageRequest) -> list[Buffer]:
     """Return the protocol's message of a request."""
     i = ask.intrinsics
     header = {
@@ -134,10 +134,10 @@ def ask_parts(ask: Ask) -> list[Buffer]:
             for name, pose in ask.moved.items()
         },
     }
-    return [pack(header)]
+    return [pack_header(header)]
 
 
-def image_of(parts: Sequence[Buffer], ask: Ask) -> SimulatedImage:
+def simulated_image_of(parts: Sequence[Buffer], ask: ImageRequest) -> SimulatedImage:
     """Return the simulator's image in a reply, if it is the reply to this request.
 
     Raises LateAnswerError for one to an earlier request, RefusedError for the simulator's own
@@ -165,21 +165,21 @@ def image_of(parts: Sequence[Buffer], ask: Ask) -> SimulatedImage:
     if image is None or (ask.want_depth and depth is None) or (ask.want_ids and ids is None):
         raise BadMessageError(f"it has {sorted(found)}; requested were {_wanted_parts(ask)}")
     return SimulatedImage(
-        decode_image(image[1], image[0], size),
-        decode_depth(depth[1], depth[0], size) if depth is not None else None,
-        decode_ids(ids[1], ids[0], size) if ids is not None else None,
+        decode_image_part(image[1], image[0], size),
+        decode_depth_part(depth[1], depth[0], size) if depth is not None else None,
+        decode_ids_part(ids[1], ids[0], size) if ids is not None else None,
     )
 
 
-def _refused(header: Header) -> RefusedError:
+def _refused(header: MessageHeader) -> SimulatorRefusedError:
     """Return a simulator's refusal in its own words."""
-    return RefusedError(header.text("message")[:500])
+    return SimulatorRefusedError(header.text("message")[:500])
 
 
-def _header(parts: Sequence[Buffer]) -> Header:
+def _header(parts: Sequence[Buffer]) -> MessageHeader:
     if not 1 <= len(parts) <= MAX_ANSWER_PARTS:
         raise BadMessageError(f"it has {len(parts)} parts")
-    header = Header.unpack(parts[0])
+    header = MessageHeader.unpack(parts[0])
     if header.text("protocol") != PROTOCOL:
         raise BadMessageError(
             f"it speaks {header.text('protocol')!r:.40}, we speak {PROTOCOL!r}; update the older "
@@ -188,7 +188,7 @@ def _header(parts: Sequence[Buffer]) -> Header:
     return header
 
 
-def _named_parts(header: Header, parts: Sequence[Buffer]) -> dict[str, tuple[str, Buffer]]:
+def _named_parts(header: MessageHeader, parts: Sequence[Buffer]) -> dict[str, tuple[str, Buffer]]:
     """Return a protocol message's parts by name with their encodings. Raises BadMessageError."""
     listed = header.headers("parts")
     if len(listed) != len(parts):
@@ -202,7 +202,7 @@ def _named_parts(header: Header, parts: Sequence[Buffer]) -> dict[str, tuple[str
     return found
 
 
-def _check_echo(header: Header, ask: Ask) -> None:
+def _check_echo(header: MessageHeader, ask: ImageRequest) -> None:
     """Raise unless the simulator's image is of the requested pose and time."""
     position, q = header.numbers("position_ned_m", 3), header.numbers("q_wxyz", 4)
     pose = ask.camera_pose
@@ -218,5 +218,5 @@ def _check_echo(header: Header, ask: Ask) -> None:
         raise BadMessageError(f"it is of another time: {late_s:+.4f} s")
 
 
-def _wanted_parts(ask: Ask) -> list[str]:
+def _wanted_parts(ask: ImageRequest) -> list[str]:
     return ["image", *["depth"] * ask.want_depth, *["ids"] * ask.want_ids]

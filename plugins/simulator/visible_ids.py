@@ -6,7 +6,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wil_campaign.recipes.visibility.images import ImagePair, compare_outlines
-from wil_campaign.recipes.visibility.model import ExpectedImage, FrameVisibility, Ids, Mask, Virtual
+from wil_campaign.recipes.visibility.model import (
+    ExpectedImage,
+    FrameVisibility,
+    Ids,
+    Mask,
+    VirtualObjects,
+)
 
 
 def compare_ids(
@@ -32,7 +38,7 @@ def compare_ids(
             real_bgr=np.zeros((*shown.shape, 3), np.uint8),
             mixed_bgr=_white(here),
             expected=ExpectedImage(ids, _white(there), None, px_per_sample),
-            virtual=Virtual({object_id: name}),
+            virtual=VirtualObjects({object_id: name}),
             limit_px=limits_px[object_id],
             is_like=True,
         )

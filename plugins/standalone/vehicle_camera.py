@@ -8,11 +8,11 @@ from contextlib import asynccontextmanager
 import numpy as np
 
 from wil_campaign.plugins.outlets.camera_component import CameraComponent, VideoStream
-from wil_campaign.plugins.outlets.image_delivery import Delivery
+from wil_campaign.plugins.outlets.image_delivery import ImageDelivery
 from wil_campaign.plugins.outlets.rtp import rtp_delivery
 from wil_campaign.plugins.outlets.sdp import RtpAddress
 from wil_campaign.vehicles.cameras.camera_effects import CameraQuality
-from wil_campaign.vehicles.cameras.rendered_cameras import Compute, RenderedCamera
+from wil_campaign.vehicles.cameras.rendered_cameras import CameraCompute, RenderedCamera
 from wil_campaign.vehicles.embedded.process.vehicle_faults import VehicleFaults
 from wil_campaign.vehicles.embedded.vehicle import EmbeddedVehicle
 from wil_campaign.vehicles.poses.pose_history import PoseHistory
@@ -47,10 +47,10 @@ class VehicleCamera:
         *,
         scene: Scene,
         quality: CameraQuality,
-        delivery: Delivery,
+        delivery: ImageDelivery,
         port: int,
         seed: int = 1,
-        compute: Compute = asyncio.to_thread,
+        compute: CameraCompute = asyncio.to_thread,
     ) -> None:
         self._images = WorldImages(scene=scene, events={})
         self._quality = quality

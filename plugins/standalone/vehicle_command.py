@@ -6,8 +6,8 @@ from typing import Annotated
 from cyclopts import Parameter
 from pydantic import ValidationError
 
-from wil_campaign.foundation.files.documents import load
-from wil_campaign.orchestrator.cli.standard_streams import err
+from wil_campaign.foundation.files.documents import load_document
+from wil_campaign.orchestrator.cli.standard_streams import write_stderr
 from wil_campaign.plugins.python.standalone_settings import (
     check_parameter,
     standalone_settings,
@@ -16,7 +16,7 @@ from wil_campaign.vehicles.autopilots.registry import autopilot_named
 from wil_campaign.vehicles.embedded.process.embedded_process import Companion, run_process
 from wil_campaign.vehicles.embedded.process.process_settings import ProcessSettings
 from wil_campaign.vehicles.embedded.profile import ProfileError, load_profile
-from wil_campaign.vehicles.faults import FaultError, parse_fault
+from wil_campaign.vehicles.faults import FaultTextError, parse_fault
 from wil_campaign.vehicles.links.link_strings import LinkAddressError
 from wil_campaign.worlds.world_file.world import World
 
@@ -93,7 +93,7 @@ def vehicle(
         _print_mistakes(error)
         return _BAD_INPUT
     shown = f", camera at {video or _VIDEO}" if camera else ""
-    err(f"embedded {autopilot} at {address}, system id {system_id}{shown}; Ctrl-C ends it")
+    write_stderr(f"embedded {autopilot} at {address}, system id {system_id}{shown}; Ctrl-C ends it")
     return _fly(settings, companion)
 
 
@@ -103,11 +103,11 @@ def _print_mistakes(error: Exception) -> None:
         case ValidationError():
             for error_details in error.errors():
                 option = str(error_details["loc"][0]).removesuffix("_s").replace("_", "-")
-                err(f"--{option}: {error_details['msg']}")
-        case FaultError():
-            err(f"--fault {error}")
+                write_stderr(f"--{option}: {error_details['msg']}")
+        case FaultTextError():
+            write_stderr(f"--fault {error}")
         case _:
-            err(error)
+            write_stderr(error)
 
 
 def _fly(settings: ProcessSettings, companion: Companion | None) -> int:
@@ -117,7 +117,7 @@ def _fly(settings: ProcessSettings, companion: Companion | None) -> int:
     try:
         return _UNAVAILABLE if run_process(settings, companion) else 0
     except DeliveryError as error:
-        err(error)
+        write_stderr(error)
         return _UNAVAILABLE
 
 
@@ -134,12 +134,14 @@ def _camera_of(settings: ProcessSettings, world: Path | None, video: str | None)
     except ValueError as error:
         raise ValueError(f"--video {error}") from error
     camera = rtp_camera(
-        scene=World.parse(load(world)).scene("real", "W"),
+        scene=World.parse(load_document(world)).scene("real", "W"),
         quality=CameraQuality.of_profile(load_profile(settings.profile).camera),
         address=address,
         seed=settings.seed,
     )
-    err("the camera renders its first image (after an installation this compiles, up to a minute)")
+    write_stderr(
+        "the camera renders its first image (after an installation this compiles, up to a minute)"
+    )
     camera.warm_up()
     return camera.attach
 

@@ -8,17 +8,17 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from wil_campaign.foundation.files.document_writer import write_whole
-from wil_campaign.foundation.files.problems import printable
+from wil_campaign.foundation.files.document_writer import write_atomically
+from wil_campaign.foundation.files.problems import printable_problem
 from wil_campaign.hooks import starter_options, starters
-from wil_campaign.installed_plugins import absent, added, load
+from wil_campaign.installed_plugins import absent_additions, load_plugin_object, plugin_additions
 from wil_campaign.orchestrator.cli.plugin_options import (
     NO_OPTIONS,
     PluginOptions,
-    given,
+    given_options,
     takes_options,
 )
-from wil_campaign.orchestrator.cli.standard_streams import err, out
+from wil_campaign.orchestrator.cli.standard_streams import write_stderr, write_stdout
 from wil_campaign.orchestrator.installation import pip_requirement, program_text
 from wil_campaign.plugins.start.schema_command import schema_texts
 
@@ -82,7 +82,7 @@ def init(
         with --from as far as the log states it.
     """
     if fault := _fault_of(name, from_, kinds):
-        err(fault)
+        write_stderr(fault)
         return 2
     place = Path(name) if folder is None else folder
     if from_ is None:
@@ -91,42 +91,46 @@ def init(
         texts = _from_log(from_, name, profile=profile)
     texts |= {f"{_SCHEMAS}/{file}": text for file, text in schema_texts().items()}
     if there := [one for one in texts if (place / one).exists()]:
-        err(printable(f"{place} has {', '.join(there)} already; nothing was written"))
+        write_stderr(
+            printable_problem(f"{place} has {', '.join(there)} already; nothing was written")
+        )
         return 2
     try:
         for target, text in texts.items():
             path = place / target
             path.parent.mkdir(parents=True, exist_ok=True)
-            write_whole(path, text)
+            write_atomically(path, text)
     except OSError as error:
-        err(printable(f"{place} cannot be written: {error.strerror or error}"))
+        write_stderr(printable_problem(f"{place} cannot be written: {error.strerror or error}"))
         return 3
     for target in texts:
-        out(printable(str(place / target)))
-    out("")
+        write_stdout(printable_problem(str(place / target)))
+    write_stdout("")
     if from_ is None and pip_requirement() is None:
         text = (
             f"before a first run on GitHub, set WIL_CAMPAIGN in {place / _WORKFLOW} to what pip is "
         )
-        out(printable(text + "to install there; flights on this machine do not need it"))
-    out(printable(f"next: wil-campaign run {place / 'campaign.yaml'}"))
+        write_stdout(
+            printable_problem(text + "to install there; flights on this machine do not need it")
+        )
+    write_stdout(printable_problem(f"next: wil-campaign run {place / 'campaign.yaml'}"))
     return 0
 
 
 def _fault_of(name: str, log: Path | None, kinds: PluginOptions) -> str:
     """Return why nothing can be written as it is asked for; "" where it can."""
-    for kind in given(kinds):
-        if why := absent(starter_options).get(kind):
+    for kind in given_options(kinds):
+        if why := absent_additions(starter_options).get(kind):
             return why
         if log is not None:
             return f"--from {log} and --{kind}: one start at a time"
-    if log is not None and (why := absent(starters).get(_LOG)):
+    if log is not None and (why := absent_additions(starters).get(_LOG)):
         return f"--from: {why}"
     if _NAME.fullmatch(name):
         return ""
-    return printable(f"'{name}' becomes a folder: use up to 64 of A-Z a-z 0-9 . _ - and begin ") + (
-        "with one of the letters or digits"
-    )
+    return printable_problem(
+        f"'{name}' becomes a folder: use up to 64 of A-Z a-z 0-9 . _ - and begin "
+    ) + ("with one of the letters or digits")
 
 
 def _template(name: str, kinds: PluginOptions, *, profile: bool) -> dict[str, str]:
@@ -136,14 +140,16 @@ def _template(name: str, kinds: PluginOptions, *, profile: bool) -> dict[str, st
         texts[_PROFILE] = _filled("profile.yaml.in", name)
         campaign = texts["campaign.yaml"]
         texts["campaign.yaml"] = _PROFILE_KEY.sub(rf"\g<1>{_PROFILE}\n{_BODY}", campaign)
-    for kind in given(kinds):
-        texts = load(added(starter_options)[kind].files)(texts)
+    for kind in given_options(kinds):
+        texts = load_plugin_object(plugin_additions(starter_options)[kind].files)(texts)
     return texts
 
 
 def _from_log(log: Path, name: str, *, profile: bool) -> dict[str, str]:
     """Return the texts of a campaign's files from a log."""
-    texts: dict[str, str] = load(added(starters)[_LOG].files)(log, name, profile=profile)
+    texts: dict[str, str] = load_plugin_object(plugin_additions(starters)[_LOG].files)(
+        log, name, profile=profile
+    )
     return texts
 
 

@@ -19,10 +19,10 @@ from pydantic_core import core_schema
 from wil_campaign.campaigns.schema.bench import BenchPart
 from wil_campaign.campaigns.schema.campaign import campaign_model
 from wil_campaign.campaigns.schema.composition import CompositionPart
-from wil_campaign.campaigns.schema.part_summaries import key_places, summary_of
-from wil_campaign.foundation.files.problems import unit_of
+from wil_campaign.campaigns.schema.part_summaries import docstring_key_places, part_summary
+from wil_campaign.foundation.files.problems import unit_of_key
 from wil_campaign.recipes.language.recipe_document import CombinePart, RecipePart
-from wil_campaign.recipes.model.registry import OWN_STEP, STAGES, Stage, steps
+from wil_campaign.recipes.model.registry import OWN_STEP, STAGES, Stage, registered_steps
 from wil_campaign.safety.oracles.registry import oracle_kinds
 from wil_campaign.worlds.world_file.world_schema import WorldModel
 
@@ -75,7 +75,7 @@ def campaign_schema() -> Schema:
     return {
         "$schema": DIALECT,
         "title": "wil-campaign: campaign file",
-        "description": summary_of(campaign),
+        "description": part_summary(campaign),
         "type": "object",
         "if": {"required": ["campaigns"]},
         "then": refs[CompositionPart],
@@ -125,7 +125,7 @@ def world_schema() -> Schema:
 
 def recipe_schema() -> Schema:
     """Return the schema of recipe files with every step that is built in."""
-    refs, definitions = _definitions(RecipePart, *{kind.parameters for kind in steps()})
+    refs, definitions = _definitions(RecipePart, *{kind.parameters for kind in registered_steps()})
     keys = definitions[CombinePart.__name__]["properties"]
     for stage in STAGES:
         definitions[f"{stage}_step"] = _step(stage, refs)
@@ -185,7 +185,7 @@ class _Documented(GenerateJsonSchema):
                 text = one.get("description") or found.get(key) or found.get(name)
                 if described := _with_unit(text or _part_summary(field.annotation), key):
                     one["description"] = described
-        made["description"] = summary_of(model)
+        made["description"] = part_summary(model)
         made["title"] = re.sub(r"(Part|Model|Parameters)$", "", model.__name__)
         if key := getattr(model, "shorthand", ""):
             return {"title": made["title"], "anyOf": [made["properties"][key], made]}
@@ -195,7 +195,7 @@ class _Documented(GenerateJsonSchema):
 def _part_summary(annotation: object) -> str:
     """Return the summary of the one model that a key's value is; "" for other values."""
     parts = [one for one in (annotation, *get_args(annotation)) if _is_model(one)]
-    return summary_of(parts[0]) if len(parts) == 1 else ""
+    return part_summary(parts[0]) if len(parts) == 1 else ""
 
 
 def _is_model(annotation: object) -> TypeGuard[type[BaseModel]]:
@@ -207,7 +207,7 @@ def _key_descriptions(model: type[BaseModel]) -> Iterator[tuple[str, str]]:
         if not (issubclass(one, BaseModel) and one is not BaseModel):
             continue
         text = " ".join(inspect.cleandoc(one.__doc__ or "").split())
-        places = list(key_places(model, text))
+        places = list(docstring_key_places(model, text))
         for place, after in zip_longest(places, places[1:]):
             own = text[place.end() : None if after is None else after.start()].strip(" .;")
             for key in place[1].split(", "):
@@ -216,7 +216,7 @@ def _key_descriptions(model: type[BaseModel]) -> Iterator[tuple[str, str]]:
 
 def _with_unit(text: str, key: str) -> str:
     """Return a description with the unit that the key's name carries."""
-    unit = _UNITS.get(unit_of(key), "")
+    unit = _UNITS.get(unit_of_key(key), "")
     if not unit:
         return text
     return f"{text} Unit: {unit}.".strip()
@@ -253,11 +253,11 @@ def _own_oracle() -> Schema:
 
 def _step(stage: Stage, refs: Mapping[type[BaseModel], Schema]) -> Schema:
     """Return the schema of a step of one stage: a name, one mapping, or the user's own."""
-    kinds = [kind for kind in steps() if kind.stage == stage and kind.name != OWN_STEP]
+    kinds = [kind for kind in registered_steps() if kind.stage == stage and kind.name != OWN_STEP]
     bare = [
         kind for kind in kinds if not any(map(_is_needed, kind.parameters.model_fields.values()))
     ]
-    own = [kind for kind in steps() if kind.stage == stage and kind.name == OWN_STEP]
+    own = [kind for kind in registered_steps() if kind.stage == stage and kind.name == OWN_STEP]
     forms: list[Schema] = [
         {
             "type": "string",

@@ -3,9 +3,9 @@
 import json
 from pathlib import Path
 
-from wil_campaign.foundation.files.document_writer import write_whole
-from wil_campaign.foundation.files.problems import printable
-from wil_campaign.orchestrator.cli.standard_streams import err, out
+from wil_campaign.foundation.files.document_writer import write_atomically
+from wil_campaign.foundation.files.problems import printable_problem
+from wil_campaign.orchestrator.cli.standard_streams import write_stderr, write_stdout
 from wil_campaign.plugins.start.json_schemas import SCHEMAS
 
 
@@ -22,10 +22,10 @@ def schema(folder: Path = Path("schemas")) -> int:
     try:
         folder.mkdir(parents=True, exist_ok=True)
         for name, text in schema_texts().items():
-            write_whole(folder / name, text)
-            out(printable(str(folder / name)))
+            write_atomically(folder / name, text)
+            write_stdout(printable_problem(str(folder / name)))
     except OSError as error:
-        err(printable(f"{folder} cannot be written: {error.strerror or error}"))
+        write_stderr(printable_problem(f"{folder} cannot be written: {error.strerror or error}"))
         return 3
     return 0
 

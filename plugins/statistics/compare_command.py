@@ -9,16 +9,19 @@ from typing import Annotated
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
-from wil_campaign.foundation.files.document_writer import write_whole
-from wil_campaign.foundation.files.problems import printable
+from wil_campaign.foundation.files.document_writer import write_atomically
+from wil_campaign.foundation.files.problems import printable_problem
 from wil_campaign.orchestrator.cli.markdown import markdown_table, markdown_text
-from wil_campaign.orchestrator.cli.standard_streams import err, out
-from wil_campaign.orchestrator.cli.text_table import count_text, table
+from wil_campaign.orchestrator.cli.standard_streams import write_stderr, write_stdout
+from wil_campaign.orchestrator.cli.text_table import count_text, table_lines
 from wil_campaign.orchestrator.reading.errors import ResultsFolderError
 from wil_campaign.orchestrator.recording.timestamps import utc_text
 from wil_campaign.plugins.statistics.comparison.baseline import FlownSet
-from wil_campaign.plugins.statistics.comparison.comparison import Comparison
-from wil_campaign.plugins.statistics.comparison.comparison_page import Linked, render_comparison
+from wil_campaign.plugins.statistics.comparison.comparison import FlightComparison
+from wil_campaign.plugins.statistics.comparison.comparison_page import (
+    LinkedFolder,
+    render_comparison,
+)
 from wil_campaign.plugins.statistics.comparison.errors import ComparisonError
 from wil_campaign.plugins.statistics.comparison.folder_comparison import FolderComparison
 from wil_campaign.plugins.statistics.comparison.folder_comparison import compare as compare_folders
@@ -81,7 +84,7 @@ def compare(
         Write one HTML page here: intervals, changed settings, links to the reports.
     """
     if json_ and markdown:
-        err("--json and --markdown are two forms of one output: give one of them")
+        write_stderr("--json and --markdown are two forms of one output: give one of them")
         return 2
     try:
         compared = compare_folders(
@@ -93,35 +96,37 @@ def compare(
             last=last,
         )
     except (ResultsFolderError, ComparisonError) as error:
-        err(printable(str(error)))
+        write_stderr(printable_problem(str(error)))
         return 2
     try:
         if page is not None:
-            write_whole(page, _as_page(compared, page, after=after))
+            write_atomically(page, _as_page(compared, page, after=after))
     except OSError as error:
-        err(f"{page} cannot be written: {error.strerror or error}")
+        write_stderr(f"{page} cannot be written: {error.strerror or error}")
         return 3
     if json_:
-        out(_as_json(compared))
+        write_stdout(_as_json(compared))
     else:
-        out((_as_markdown if markdown else _as_text)(compared, after=after))
+        write_stdout((_as_markdown if markdown else _as_text)(compared, after=after))
     if compared.is_less and not removed:
-        err(
+        write_stderr(
             "AFTER lacks cases, oracles, controls or settings of BEFORE; give --removed if that is "
             "intended"
         )
     if compared.settings.changed and not changed:
-        err("AFTER was flown with other settings than BEFORE; give --changed if that is intended")
+        write_stderr(
+            "AFTER was flown with other settings than BEFORE; give --changed if that is intended"
+        )
     for text in compared.problems:
-        err(printable(text))
+        write_stderr(printable_problem(text))
     return compared.exit_code(removed=removed, changed=changed)
 
 
 def _as_text(compared: FolderComparison, *, after: Path) -> str:
     """Return the comparison as a table and sentences."""
     head = f"{after.name} against {_names(compared.baseline)}"
-    below = "\n".join(map(printable, _sentences(compared)))
-    return f"{printable(head)}\n\n{table(_HEAD, _rows(compared.found))}\n\n{below}"
+    below = "\n".join(map(printable_problem, _sentences(compared)))
+    return f"{printable_problem(head)}\n\n{table_lines(_HEAD, _rows(compared.found))}\n\n{below}"
 
 
 def _as_markdown(compared: FolderComparison, *, after: Path) -> str:
@@ -139,10 +144,10 @@ def _as_page(compared: FolderComparison, page: Path, *, after: Path) -> str:
     *sentences, last = _sentences(compared)
     of_settings = ("not set any more: ", "other settings: ", "also changed: ")
 
-    def linked(folder: Path) -> Linked:
+    def linked(folder: Path) -> LinkedFolder:
         report = folder / REPORT
         name = folder.absolute().name
-        return Linked(name, link_from(page, report) if report.is_file() else "")
+        return LinkedFolder(name, link_from(page, report) if report.is_file() else "")
 
     return render_comparison(
         compared.found.changes,
@@ -163,7 +168,7 @@ def _names(baseline: FlownSet) -> str:
     return ", ".join(path.name for path in baseline.folders)
 
 
-def _rows(found: Comparison) -> list[tuple[str, ...]]:
+def _rows(found: FlightComparison) -> list[tuple[str, ...]]:
     """Return the cells of the table of changes."""
     return [
         (

@@ -8,10 +8,10 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Literal, TypeVar
 
-from wil_campaign.campaigns.statistics.proportions import Interval
+from wil_campaign.campaigns.statistics.proportions import RateInterval
 from wil_campaign.plugins.statistics.gap.energy import EnergyFigure
 from wil_campaign.plugins.statistics.gap.gap import ALL_CASES, GapFigure
-from wil_campaign.plugins.statistics.inference.exact_tests import Counts, stratified_rounded
+from wil_campaign.plugins.statistics.inference.exact_tests import PassCounts, stratified_rounded
 from wil_campaign.plugins.statistics.pass_rates import MODES, ModeTest, PassRate
 from wil_campaign.plugins.statistics.study import Study
 
@@ -43,7 +43,7 @@ class Conclusion:
     text: str
 
 
-def conclusions(study: Study) -> list[Conclusion]:
+def study_conclusions(study: Study) -> list[Conclusion]:
     """Return what the statistics show, what they do not show, and how many flights would.
 
     Empty for a campaign of a single mode: there is nothing to compare.
@@ -131,8 +131,8 @@ def _times_for_difference(rates: Sequence[PassRate], test: ModeTest) -> int | No
     for times in range(2, _MOST_TIMES + 1):
         tables = [
             (
-                Counts(a.passed * times, a.flown * times),
-                Counts(b.passed * times, b.flown * times),
+                PassCounts(a.passed * times, a.flown * times),
+                PassCounts(b.passed * times, b.flown * times),
             )
             for a, b in pairs
         ]
@@ -233,7 +233,7 @@ def _needed_for_gap(figures: Sequence[Figure], flown: int) -> Iterator[Conclusio
         )
 
 
-def _times_for_decision(nearer_by: float | None, interval: Interval | None) -> float | None:
+def _times_for_decision(nearer_by: float | None, interval: RateInterval | None) -> float | None:
     """Return the multiple of the flights that moves an interval off 0; None for too many."""
     if not nearer_by or interval is None:
         return None

@@ -5,10 +5,10 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from wil_campaign.foundation.files.problems import printable
-from wil_campaign.orchestrator.cli.standard_streams import err, out
+from wil_campaign.foundation.files.problems import printable_problem
+from wil_campaign.orchestrator.cli.standard_streams import write_stderr, write_stdout
 from wil_campaign.orchestrator.reading.errors import ResultsFolderError
-from wil_campaign.orchestrator.reading.results_folder import read_campaign
+from wil_campaign.orchestrator.reading.results_folder import read_campaign_documents
 from wil_campaign.plugins.statistics.study import Study, study_json
 from wil_campaign.plugins.statistics.study_text import study_text
 
@@ -30,19 +30,19 @@ def gap(
         Print statistics.json.
     """
     try:
-        campaign = read_campaign(folder)
+        campaign = read_campaign_documents(folder)
     except ResultsFolderError as error:
-        err(printable(str(error)))
+        write_stderr(printable_problem(str(error)))
         return 2
     study = Study.read(folder, campaign)
     if json_:
-        out(study_json(campaign, study).rstrip())
+        write_stdout(study_json(campaign, study).rstrip())
     else:
-        out(study_text(study))
+        write_stdout(study_text(study))
     problems = (*campaign.problems, *campaign.run_problems)
     for text in problems:
-        err(printable(text))
+        write_stderr(printable_problem(text))
     if not study.gap.figures:
-        err("there is no gap to measure: it needs flights of mode real, and of sim or wil")
+        write_stderr("there is no gap to measure: it needs flights of mode real, and of sim or wil")
     damaged = bool(problems or study.gap.left_out)
     return 3 if damaged else 0 if study.gap.figures else 2

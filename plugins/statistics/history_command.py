@@ -8,11 +8,11 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from wil_campaign.foundation.files.problems import printable
-from wil_campaign.orchestrator.cli.standard_streams import err, out
-from wil_campaign.orchestrator.cli.text_table import table
+from wil_campaign.foundation.files.problems import printable_problem
+from wil_campaign.orchestrator.cli.standard_streams import write_stderr, write_stdout
+from wil_campaign.orchestrator.cli.text_table import table_lines
 from wil_campaign.plugins.statistics.history.folder_history import history as read_history
-from wil_campaign.plugins.statistics.history.history import HistoryRow, Variation
+from wil_campaign.plugins.statistics.history.history import HistoryRow, VerdictVariation
 from wil_campaign.plugins.statistics.history.records import HistoryFileError
 
 _DEFAULT = (Path("results"),)
@@ -54,19 +54,19 @@ def history(
         if found.rows and page is not None:
             found.write_page(page)
     except HistoryFileError as error:
-        err(printable(str(error)))
+        write_stderr(printable_problem(str(error)))
         return 2
     except OSError as error:
-        err(f"{page} cannot be written: {error.strerror or error}")
+        write_stderr(f"{page} cannot be written: {error.strerror or error}")
         return 3
     if found.rows:
-        out((_as_json if json_ else _as_text)(found.rows, found.variations))
+        write_stdout((_as_json if json_ else _as_text)(found.rows, found.variations))
     for text in found.problems:
-        err(printable(text))
+        write_stderr(printable_problem(text))
     return 2 if not found.rows else 3 if found.problems else 0
 
 
-def _as_text(rows: Sequence[HistoryRow], varied: Sequence[Variation]) -> str:
+def _as_text(rows: Sequence[HistoryRow], varied: Sequence[VerdictVariation]) -> str:
     """Return the history as a table and sentences."""
     head = ("campaign", "case", "mode", "started", "version", "passed", "95 %", "margin", "flown s")
     cells = [
@@ -84,14 +84,14 @@ def _as_text(rows: Sequence[HistoryRow], varied: Sequence[Variation]) -> str:
         for row in rows
     ]
     lines = [
-        printable(
+        printable_problem(
             f"{variation.kind}: {variation.campaign} {variation.case} {variation.mode}: "
             f"{variation.text}"
         )
         for variation in varied
     ]
     lines += [
-        printable(
+        printable_problem(
             f"other settings than before: {row.campaign} {row.case} {row.mode} from "
             f"{row.started_utc} on"
         )
@@ -99,7 +99,7 @@ def _as_text(rows: Sequence[HistoryRow], varied: Sequence[Variation]) -> str:
         if row.is_other
     ]
     lines += [
-        printable(
+        printable_problem(
             f"other firmware than before: {row.campaign} {row.case} {row.mode} from "
             f"{row.started_utc} on: {row.firmware}"
         )
@@ -107,7 +107,7 @@ def _as_text(rows: Sequence[HistoryRow], varied: Sequence[Variation]) -> str:
         if row.other_firmware
     ]
     lines += _endings(rows)
-    return "\n".join([table(head, cells), *([""] if lines else []), *lines])
+    return "\n".join([table_lines(head, cells), *([""] if lines else []), *lines])
 
 
 def _passed_text(row: HistoryRow) -> str:
@@ -121,7 +121,9 @@ def _endings(rows: Sequence[HistoryRow]) -> list[str]:
     """Return a line for each campaign that did not end normally, or whose end is unknown."""
     campaigns = dict.fromkeys((row.campaign, row.started_utc, row.ending) for row in rows)
     return [
-        printable(f"{name} of {started}: {'how it ended is unknown' if text is None else text}")
+        printable_problem(
+            f"{name} of {started}: {'how it ended is unknown' if text is None else text}"
+        )
         for name, started, text in campaigns
         if text != ""
     ]
@@ -134,7 +136,7 @@ def _interval_text(row: HistoryRow) -> str:
     return "equal runs" if row.flown else "-"
 
 
-def _as_json(rows: Sequence[HistoryRow], varied: Sequence[Variation]) -> str:
+def _as_json(rows: Sequence[HistoryRow], varied: Sequence[VerdictVariation]) -> str:
     """Return the history as JSON."""
     document = {
         "schema": "wil/history/1",

@@ -9,11 +9,11 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
-from wil_campaign.campaigns.statistics.proportions import Interval, clopper_pearson
-from wil_campaign.orchestrator.run_results.exit_codes import are_equal, measured
+from wil_campaign.campaigns.statistics.proportions import RateInterval, clopper_pearson
+from wil_campaign.orchestrator.run_results.exit_codes import are_runs_equal, measured_values_of_run
 from wil_campaign.orchestrator.run_results.run_result import RunResult
 from wil_campaign.plugins.statistics.inference.exact_tests import (
-    Counts,
+    PassCounts,
     Table,
     fisher_exact,
     stratified_exact,
@@ -36,7 +36,7 @@ class PassRate:
     flown: int
     unproven: int
     deterministic: bool
-    interval: Interval | None
+    interval: RateInterval | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,7 +54,7 @@ class ModeTest:
 
 
 @dataclass(frozen=True, slots=True)
-class Agreement:
+class RealityAgreement:
     """How a mode's verdicts agree with those of reality, over the cases flown in both.
 
     cases_agree: cases in which both found a failure, or neither did. verdicts_agree: the
@@ -73,7 +73,7 @@ class PassRates:
 
     rates: tuple[PassRate, ...]
     tests: tuple[ModeTest, ...]
-    agreement: tuple[Agreement, ...]
+    agreement: tuple[RealityAgreement, ...]
 
 
 def pass_rates(runs: Iterable[RunResult], *, confidence: float = 0.95) -> PassRates:
@@ -101,11 +101,11 @@ def pass_rates(runs: Iterable[RunResult], *, confidence: float = 0.95) -> PassRa
     )
 
 
-def distinct(runs: Iterable[RunResult]) -> list[RunResult]:
+def distinct_runs(runs: Iterable[RunResult]) -> list[RunResult]:
     """Return the runs without repeats: those of a seed that measured the same count once."""
     found: dict[tuple[object, ...], RunResult] = {}
     for run in runs:
-        found.setdefault((run.seed, measured(run)), run)
+        found.setdefault((run.seed, measured_values_of_run(run)), run)
     return list(found.values())
 
 
@@ -116,7 +116,7 @@ def is_proven(run: RunResult) -> bool:
 
 def _pass_rate(case: str, mode: str, runs: Sequence[RunResult], confidence: float) -> PassRate:
     proven = [run for run in runs if is_proven(run)]
-    passed, equal = sum(run.verdict == "PASS" for run in proven), are_equal(proven)
+    passed, equal = sum(run.verdict == "PASS" for run in proven), are_runs_equal(proven)
     return PassRate(
         case=case,
         mode=mode,
@@ -144,7 +144,7 @@ def _pooled(one: str, other: str, pairs: Sequence[tuple[PassRate, PassRate]]) ->
 
 
 def _counts(one: PassRate, other: PassRate) -> Table:
-    return Counts(one.passed, one.flown), Counts(other.passed, other.flown)
+    return PassCounts(one.passed, one.flown), PassCounts(other.passed, other.flown)
 
 
 def _untestable(rate: PassRate) -> str:
@@ -156,7 +156,7 @@ def _untestable(rate: PassRate) -> str:
 
 def _agreement(
     mode: str, cases: Iterable[str], rates: dict[tuple[str, str], PassRate]
-) -> Agreement | None:
+) -> RealityAgreement | None:
     agree, shares = 0, list[float]()
     for case in cases:
         one, real = rates.get((case, mode)), rates.get((case, "real"))
@@ -167,4 +167,4 @@ def _agreement(
         shares.append(first * second + (1.0 - first) * (1.0 - second))
     if not shares:
         return None
-    return Agreement(mode, len(shares), agree, sum(shares) / len(shares))
+    return RealityAgreement(mode, len(shares), agree, sum(shares) / len(shares))

@@ -7,23 +7,23 @@ from wil_campaign.foundation.files.documents import Data
 
 
 @dataclass(frozen=True, slots=True)
-class Published:
+class PublishedCounts:
     """Published counts. source: the publication. passed: by case and mode, "1/5" or a text."""
 
     source: str = ""
     passed: Mapping[tuple[str, str], str] = field(default_factory=dict)
 
 
-def published_of(document: Data) -> Published:
+def published_counts_of(document: Data) -> PublishedCounts:
     """Return the published counts in a campaign file as flown; none where it has none."""
     part = document.get("published") if isinstance(document, dict) else None
     cases = part.get("passed") if isinstance(part, dict) else None
     if not isinstance(part, dict) or not isinstance(cases, dict):
-        return Published()
+        return PublishedCounts()
     passed = {
         (str(case), str(mode)): str(text)
         for case, modes in cases.items()
         if isinstance(modes, dict)
         for mode, text in modes.items()
     }
-    return Published(str(part.get("source", "")), passed)
+    return PublishedCounts(str(part.get("source", "")), passed)

@@ -5,14 +5,14 @@ from dataclasses import dataclass
 
 from markupsafe import Markup
 
-from wil_campaign.campaigns.statistics.proportions import Interval
+from wil_campaign.campaigns.statistics.proportions import RateInterval
 
 _WIDE, _HIGH, _EDGE = 360.0, 64.0, 8.0
 _BAR_WIDE, _BAR_HIGH = 220.0, 18.0
 
 
 @dataclass(frozen=True, slots=True)
-class Rate:
+class DrawnRate:
     """A pass rate. interval: None where equal runs count as one, or nothing flew.
 
     is_changed: flown with other settings or firmware than the rate before it.
@@ -20,11 +20,11 @@ class Rate:
 
     passed: int
     flown: int
-    interval: Interval | None
+    interval: RateInterval | None
     is_changed: bool = False
 
 
-def rate_series(rates: Sequence[Rate]) -> Markup:
+def rate_series(rates: Sequence[DrawnRate]) -> Markup:
     """Return rates over time, oldest to the left: bars are intervals, dashes are changed settings.
 
     A change begins a new line.
@@ -58,7 +58,7 @@ def rate_series(rates: Sequence[Rate]) -> Markup:
     return _svg(_WIDE, _HIGH, _series_text(rates), scale + "".join(bars) + series + "".join(dots))
 
 
-def rate_bar(rate: Rate) -> Markup:
+def rate_bar(rate: DrawnRate) -> Markup:
     """Return one rate from 0 to 100 %, left to right, with its interval as a bar."""
     middle = _BAR_HIGH / 2
     whole = f'x1="{_x(0.0):.1f}" x2="{_x(1.0):.1f}" y1="{middle:g}" y2="{middle:g}"'
@@ -75,7 +75,7 @@ def rate_bar(rate: Rate) -> Markup:
     return _svg(_BAR_WIDE, _BAR_HIGH, rate_text(rate), "".join(parts))
 
 
-def rate_text(rate: Rate) -> str:
+def rate_text(rate: DrawnRate) -> str:
     """Return a rate and its interval in words."""
     text = f"{rate.passed} of {rate.flown} passed"
     if rate.interval is None:
@@ -83,7 +83,7 @@ def rate_text(rate: Rate) -> str:
     return f"{text}, interval of {rate.interval.low:.0%} to {rate.interval.high:.0%}"
 
 
-def _series_text(rates: Sequence[Rate]) -> str:
+def _series_text(rates: Sequence[DrawnRate]) -> str:
     changes = sum(rate.is_changed for rate in rates)
     newest = rate_text(rates[-1]) if rates else "none"
     changed = f"; other settings or firmware {changes} times" if changes else ""

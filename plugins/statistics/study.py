@@ -6,12 +6,12 @@ from typing import Self
 
 from wil_campaign.foundation.files.document_writer import to_json
 from wil_campaign.orchestrator.reading.model import CampaignDocuments
-from wil_campaign.orchestrator.reading.results_folder import read_campaign
+from wil_campaign.orchestrator.reading.results_folder import read_campaign_documents
 from wil_campaign.plugins.statistics.gap.campaign_gap import read_gap
-from wil_campaign.plugins.statistics.gap.gap import Gap
+from wil_campaign.plugins.statistics.gap.gap import CampaignGap
 from wil_campaign.plugins.statistics.object_speeds import ObjectSpeed, read_object_speeds
 from wil_campaign.plugins.statistics.pass_rates import PassRates, pass_rates
-from wil_campaign.plugins.statistics.published import Published, published_of
+from wil_campaign.plugins.statistics.published import PublishedCounts, published_counts_of
 
 SCHEMA = "wil/statistics/1"
 FILE_NAME = "statistics.json"
@@ -25,8 +25,8 @@ class Study:
     """
 
     rates: PassRates
-    gap: Gap
-    published: Published = field(default_factory=Published)
+    gap: CampaignGap
+    published: PublishedCounts = field(default_factory=PublishedCounts)
     speeds: tuple[ObjectSpeed, ...] = ()
 
     @classmethod
@@ -35,9 +35,9 @@ class Study:
 
         Raises ResultsFolderError.
         """
-        documents = read_campaign(folder) if campaign is None else campaign
+        documents = read_campaign_documents(folder) if campaign is None else campaign
         runs = [entry.result for entry in documents.entries if entry.result is not None]
-        published = published_of(documents.manifest.get("document"))
+        published = published_counts_of(documents.manifest.get("document"))
         return cls(
             pass_rates(runs),
             read_gap(folder, documents.entries),

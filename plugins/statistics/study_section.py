@@ -4,10 +4,10 @@ from pathlib import Path
 
 from wil_campaign.hooks import Section
 from wil_campaign.orchestrator.reading.model import CampaignDocuments
-from wil_campaign.orchestrator.report.rendering.overview import stand_in
-from wil_campaign.orchestrator.report.rendering.page_parts import environment
-from wil_campaign.plugins.statistics.conclusions import conclusions
-from wil_campaign.plugins.statistics.gap.gap import Gap
+from wil_campaign.orchestrator.report.rendering.overview import stand_in_notice
+from wil_campaign.orchestrator.report.rendering.page_parts import page_environment
+from wil_campaign.plugins.statistics.conclusions import study_conclusions
+from wil_campaign.plugins.statistics.gap.gap import CampaignGap
 from wil_campaign.plugins.statistics.pass_rates import PassRates
 from wil_campaign.plugins.statistics.study import FILE_NAME, Study, study_json
 from wil_campaign.plugins.statistics.study_tables import (
@@ -16,7 +16,7 @@ from wil_campaign.plugins.statistics.study_tables import (
     has_modes_to_compare,
     result_rows,
     speed_rows,
-    statements,
+    study_statements,
 )
 from wil_campaign.plugins.statistics.study_text import study_text
 
@@ -37,17 +37,17 @@ def _study(folder: Path, documents: CampaignDocuments) -> Study:
         return Study.read(folder, documents)
     except Exception as error:  # noqa: BLE001 - a damaged file may raise anything
         why = f"the gap cannot be measured: {type(error).__name__}: {error}"
-        return Study(PassRates((), (), ()), Gap(left_out=(why,)))
+        return Study(PassRates((), (), ()), CampaignGap(left_out=(why,)))
 
 
 def _html(documents: CampaignDocuments, study: Study) -> str:
-    template = environment("wil_campaign.plugins.statistics").get_template("study.html.j2")
+    template = page_environment("wil_campaign.plugins.statistics").get_template("study.html.j2")
     return template.render(
         results=result_rows(study),
         gap=gap_rows(study),
         energies=energy_rows(study),
         speeds=speed_rows(study),
-        statements=statements(study),
-        conclusions=conclusions(study),
-        stand_in=stand_in(documents),
+        statements=study_statements(study),
+        conclusions=study_conclusions(study),
+        stand_in=stand_in_notice(documents),
     )

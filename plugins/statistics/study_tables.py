@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from wil_campaign.campaigns.statistics.proportions import Interval
+from wil_campaign.campaigns.statistics.proportions import RateInterval
 from wil_campaign.plugins.statistics.conclusions import MODE_NAMES
 from wil_campaign.plugins.statistics.gap.energy import EnergyFigure
 from wil_campaign.plugins.statistics.gap.gap import GapFigure
@@ -48,14 +48,14 @@ _ANSWERS = {True: "yes", False: "no", None: "undecided"}
 
 
 @dataclass(frozen=True, slots=True)
-class Rows:
+class StudyTable:
     """A table: the head, and rows of as many texts."""
 
     head: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]
 
 
-def result_rows(study: Study) -> Rows:
+def result_rows(study: Study) -> StudyTable:
     """Return passes and failures by case and mode, laid out as the paper's Table I.
 
     Each count has its interval; published counts of the campaign file get columns of their own.
@@ -75,25 +75,25 @@ def result_rows(study: Study) -> Rows:
             if published:
                 row.append(_published_text(published.get((case, mode), "")))
         rows.append(tuple(row))
-    return Rows(tuple(head), tuple(rows))
+    return StudyTable(tuple(head), tuple(rows))
 
 
-def gap_rows(study: Study) -> Rows:
+def gap_rows(study: Study) -> StudyTable:
     """Return the gap by case and measure."""
-    return Rows(_GAP_HEAD, tuple(_gap_row(figure) for figure in study.gap.figures))
+    return StudyTable(_GAP_HEAD, tuple(_gap_row(figure) for figure in study.gap.figures))
 
 
-def energy_rows(study: Study) -> Rows:
+def energy_rows(study: Study) -> StudyTable:
     """Return the energy distances by case and measure: the gap corrected for spread.
 
     Empty unless a case has two flights of reality and two of another mode.
     """
     figures = study.gap.energies
     is_known = any(figure.sim is not None or figure.wil is not None for figure in figures)
-    return Rows(_ENERGY_HEAD, tuple(map(_energy_row, figures)) if is_known else ())
+    return StudyTable(_ENERGY_HEAD, tuple(map(_energy_row, figures)) if is_known else ())
 
 
-def speed_rows(study: Study) -> Rows:
+def speed_rows(study: Study) -> StudyTable:
     """Return the speeds of moving objects by case and mode, m/s."""
     rows = (
         (
@@ -107,14 +107,14 @@ def speed_rows(study: Study) -> Rows:
         )
         for speed in study.speeds
     )
-    return Rows(_SPEED_HEAD, tuple(rows))
+    return StudyTable(_SPEED_HEAD, tuple(rows))
 
 
 def _speed(value_m_s: float | None) -> str:
     return NONE if value_m_s is None else f"{value_m_s:.2f} m/s"
 
 
-def statements(study: Study) -> list[str]:
+def study_statements(study: Study) -> list[str]:
     """Return tests, agreement and what was left out, in sentences."""
     found = [_test_text(test) for test in study.rates.tests]
     found += [
@@ -135,7 +135,7 @@ def has_modes_to_compare(study: Study) -> bool:
     return bool(study.published.passed) or ("real" in modes and len(modes) > 1)
 
 
-def interval_text(interval: Interval | None, digits: int = 2) -> str:
+def interval_text(interval: RateInterval | None, digits: int = 2) -> str:
     """Return an interval as [low, high]; empty for none."""
     return "" if interval is None else f"[{interval.low:.{digits}f}, {interval.high:.{digits}f}]"
 

@@ -20,7 +20,7 @@ _OVERSHOOT = {"m": 0.15, "g": 5.0}
 Ranges = dict[str, dict[str, tuple[float, float]]]
 
 
-class Row(NamedTuple):
+class FigureRow(NamedTuple):
     """A figure: of the firmware (least, most), of the vehicle, and its deviation.
 
     off: the deviation relative to the range's nearer end; infinite without a figure.
@@ -45,14 +45,14 @@ def load_ranges(autopilot: str) -> Ranges:
     return ranges
 
 
-def compare(firmware: Ranges, flown: Figures) -> list[Row]:
+def compare_figures(firmware: Ranges, flown: Figures) -> list[FigureRow]:
     """Return each figure's deviation from the firmware's range."""
     rows = []
     for segment, figures in firmware.items():
         for name, (least, most) in figures.items():
             here = flown.get(segment, {}).get(name)
             rows.append(
-                Row(segment, name, (least, most), here, _deviation(name, here, least, most))
+                FigureRow(segment, name, (least, most), here, _deviation(name, here, least, most))
             )
     return rows
 

@@ -8,8 +8,8 @@ from typing import Any, NamedTuple
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from wil_campaign.vehicles.autopilots.autopilot import Autopilot, Mode, Target
-from wil_campaign.vehicles.mavlink.codec import Codec
+from wil_campaign.vehicles.autopilots.autopilot import Autopilot, FlightMode, MavlinkTarget
+from wil_campaign.vehicles.mavlink.codec import MavlinkCodec
 
 _LANDED = {
     mavlink.MAV_LANDED_STATE_ON_GROUND: "on the ground",
@@ -19,9 +19,9 @@ _LANDED = {
 }
 _ARMED, _DISARMED = "armed", "disarmed"
 _ACKNOWLEDGED = "acknowledged"
-_MODES: dict[str, tuple[Mode, ...]] = {
-    "px4": (Mode.TAKEOFF, Mode.HOLD, Mode.GUIDED, Mode.LAND),
-    "ardupilot": (Mode.GUIDED, Mode.LAND),
+_MODES: dict[str, tuple[FlightMode, ...]] = {
+    "px4": (FlightMode.TAKEOFF, FlightMode.HOLD, FlightMode.GUIDED, FlightMode.LAND),
+    "ardupilot": (FlightMode.GUIDED, FlightMode.LAND),
 }
 """While armed. PX4 holds when its takeoff is over; ArduCopter takes off in GUIDED."""
 _LANDED_STATES = ("on the ground", "taking off", "in the air", "landing", "on the ground")
@@ -30,7 +30,7 @@ _TAKEOFF = frozenset({mavlink.MAV_CMD_NAV_TAKEOFF})
 _MODE = frozenset({mavlink.MAV_CMD_DO_SET_MODE, mavlink.MAV_CMD_NAV_LAND})
 
 
-class Occurrence(NamedTuple):
+class EventOccurrence(NamedTuple):
     """An event of a vehicle: the arrival time of its message, and its name.
 
     command: of an acknowledgement; 0 otherwise.
@@ -57,12 +57,12 @@ class OrderRow(NamedTuple):
 class EventTrace:
     """Collects a vehicle's events out of the bytes of its link."""
 
-    def __init__(self, *, autopilot: Autopilot, target: Target) -> None:
+    def __init__(self, *, autopilot: Autopilot, target: MavlinkTarget) -> None:
         self._autopilot = autopilot
         self._target = target
-        self._codec = Codec(system_id=target.system, component_id=target.component)
+        self._codec = MavlinkCodec(system_id=target.system, component_id=target.component)
         self._last: dict[str, str] = {}
-        self.events: list[Occurrence] = []
+        self.events: list[EventOccurrence] = []
 
     def receive(self, data: bytes, t_s: float) -> None:
         """Take bytes of the link that arrived at a time."""
@@ -83,18 +83,18 @@ class EventTrace:
                     self._append_change("landed", _LANDED[message.landed_state], t_s)
             case "COMMAND_ACK":
                 if message.result == mavlink.MAV_RESULT_ACCEPTED:
-                    self.events.append(Occurrence(t_s, _ACKNOWLEDGED, message.command))
+                    self.events.append(EventOccurrence(t_s, _ACKNOWLEDGED, message.command))
 
     def _append_change(self, kind: str, name: str, t_s: float) -> None:
         if self._last.get(kind) != name:
             self._last[kind] = name
-            self.events.append(Occurrence(t_s, name))
+            self.events.append(EventOccurrence(t_s, name))
 
 
-def order_rows(events: Sequence[Occurrence], autopilot: str) -> list[OrderRow]:
+def order_rows(events: Sequence[EventOccurrence], autopilot: str) -> list[OrderRow]:
     """Return the orders of a flight from before its arming to after its disarming."""
     modes = tuple(mode.value for mode in _MODES[autopilot])
-    guided, land = Mode.GUIDED.value, Mode.LAND.value
+    guided, land = FlightMode.GUIDED.value, FlightMode.LAND.value
     return [
         OrderRow("modes", modes, _modes(events, autopilot)),
         OrderRow("landed states", _LANDED_STATES, _landed_states(events)),
@@ -106,9 +106,9 @@ def order_rows(events: Sequence[Occurrence], autopilot: str) -> list[OrderRow]:
     ]
 
 
-def _modes(events: Sequence[Occurrence], autopilot: str) -> tuple[str, ...]:
+def _modes(events: Sequence[EventOccurrence], autopilot: str) -> tuple[str, ...]:
     """Return the modes that the vehicle was in while armed, without PX4's hold before takeoff."""
-    names = {mode.value for mode in Mode}
+    names = {mode.value for mode in FlightMode}
     mode, seen, armed = "", [], False
     for event in events:
         if event.name in {_ARMED, _DISARMED}:
@@ -118,17 +118,17 @@ def _modes(events: Sequence[Occurrence], autopilot: str) -> tuple[str, ...]:
             mode = event.name
             seen += [mode] if armed else []
     # This program arms a PX4 in Hold; in the traces the takeoff was commanded before arming.
-    if autopilot == "px4" and seen[:1] == [Mode.HOLD.value]:
+    if autopilot == "px4" and seen[:1] == [FlightMode.HOLD.value]:
         del seen[0]
     return tuple(seen)
 
 
-def _landed_states(events: Iterable[Occurrence]) -> tuple[str, ...]:
+def _landed_states(events: Iterable[EventOccurrence]) -> tuple[str, ...]:
     return tuple(event.name for event in events if event.name in _LANDED.values())
 
 
 def _effect_order(
-    name: str, events: Sequence[Occurrence], commands: frozenset[int], effect: str
+    name: str, events: Sequence[EventOccurrence], commands: frozenset[int], effect: str
 ) -> OrderRow:
     """Return the order of a command's acknowledgement and the first sign of its effect."""
     expected = (_ACKNOWLEDGED, effect)
@@ -141,7 +141,7 @@ def _effect_order(
     return OrderRow(name, expected, expected if nearest_s <= done_s else expected[::-1])
 
 
-def _end_order(events: Sequence[Occurrence]) -> OrderRow:
+def _end_order(events: Sequence[EventOccurrence]) -> OrderRow:
     expected = ("on the ground", _DISARMED)
     last: dict[str, int] = {
         event.name: place for place, event in enumerate(events) if event.name in expected

@@ -2,7 +2,7 @@
 
 import math
 
-from wil_campaign.plugins.step_response.segments import SPEEDS_M_S, Sample, Series
+from wil_campaign.plugins.step_response.segments import SPEEDS_M_S, Series, StepSample
 
 Figures = dict[str, dict[str, float | None]]
 """By segment and name, which ends with the unit. None: the measured event did not happen."""
@@ -55,7 +55,7 @@ def figures_of(flown: Series, speeds_m_s: tuple[float, ...] = SPEEDS_M_S) -> Fig
     return figures
 
 
-def _way(samples: list[Sample], north: float, east: float) -> list[tuple[float, float]]:
+def _way(samples: list[StepSample], north: float, east: float) -> list[tuple[float, float]]:
     """Return (s, m) along the heading from the segment's first sample."""
     t, x, y = samples[0][:3]
     return [(q.t_s - t, (q.north_m - x) * north + (q.east_m - y) * east) for q in samples]

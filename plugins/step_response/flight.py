@@ -5,12 +5,12 @@ from collections.abc import Callable
 
 from wil_campaign.plugins.step_response.segments import (
     HEIGHT_M,
-    Sample,
-    Segment,
     Series,
+    StepSample,
+    StepSegment,
     step_segments,
 )
-from wil_campaign.vehicles.autopilots.autopilot import Mode
+from wil_campaign.vehicles.autopilots.autopilot import FlightMode
 from wil_campaign.vehicles.driver import Driver
 from wil_campaign.vehicles.driver.vehicle_state import EstimateSample
 from wil_campaign.vehicles.errors import StateTimeoutError, VehicleError
@@ -40,10 +40,10 @@ class StepFlight:
     def __init__(self, driver: Driver, *, progress: Progress = lambda _: None) -> None:
         self._driver = driver
         self._progress = progress
-        self._samples: list[Sample] = []
+        self._samples: list[StepSample] = []
         driver.on_estimate(self._add_sample)
 
-    async def fly(self, segments: tuple[Segment, ...] | None = None) -> Series:
+    async def fly(self, segments: tuple[StepSegment, ...] | None = None) -> Series:
         """Arm, take off, fly the segments, land; return the samples of each segment.
 
         Raises VehicleError.
@@ -83,7 +83,7 @@ class StepFlight:
                     state = self._driver.state
                     height_m = -self._samples[-1].down_m if self._samples else 0.0
                     up = abs(height_m - HEIGHT_M) < _AT_HEIGHT_M and state.landed == "in_air"
-                    if up and state.mode is not Mode.TAKEOFF:
+                    if up and state.mode is not FlightMode.TAKEOFF:
                         return
                     await asyncio.sleep(_LOOK_S)
         except TimeoutError:
@@ -93,7 +93,7 @@ class StepFlight:
                 f"takeoff command; its height is {where}"
             ) from None
 
-    async def _stream(self, segment: Segment) -> list[Sample]:
+    async def _stream(self, segment: StepSegment) -> list[StepSample]:
         """Send a segment's setpoint for as long as it takes; return its samples."""
         loop, first = asyncio.get_running_loop(), len(self._samples)
         began_s = loop.time()
@@ -115,14 +115,14 @@ class StepFlight:
             )
         return samples
 
-    def _require_flying(self, segment: Segment) -> None:
+    def _require_flying(self, segment: StepSegment) -> None:
         """Raise VehicleError when the vehicle has stopped following setpoints."""
         state, name = self._driver.state, self._driver.name
         if not state.link_up:
             raise VehicleError(f"{name}: the link was lost in '{segment.name}'")
         if not state.armed:
             raise VehicleError(f"{name}: the vehicle disarmed in '{segment.name}'")
-        if state.mode is not Mode.GUIDED:
+        if state.mode is not FlightMode.GUIDED:
             raise VehicleError(
                 f"{name}: the vehicle changed to {state.mode_name} in '{segment.name}'"
             )
@@ -130,4 +130,4 @@ class StepFlight:
     def _add_sample(self, estimate: EstimateSample) -> None:
         place, velocity = estimate.pose.position_ned_m, estimate.velocity_ned_m_s
         angles = euler_from_quat(estimate.pose.q_wxyz)
-        self._samples.append(Sample(estimate.boot_s, *place, *velocity, *angles))
+        self._samples.append(StepSample(estimate.boot_s, *place, *velocity, *angles))

@@ -12,7 +12,7 @@ POSITION_STEP_M = 2.0
 CLIMB_M_S = 0.5
 
 
-class Sample(NamedTuple):
+class StepSample(NamedTuple):
     """The vehicle's estimate, at seconds since its boot: m and m/s (NED), radians."""
 
     t_s: float
@@ -27,11 +27,11 @@ class Sample(NamedTuple):
     yaw_rad: float
 
 
-Series = dict[str, list[Sample]]
+Series = dict[str, list[StepSample]]
 """The samples of each segment, by its name, in the order in which they are flown."""
 
 
-class Segment(NamedTuple):
+class StepSegment(NamedTuple):
     """A segment of the flight: a setpoint that is sent for so long."""
 
     name: str
@@ -41,7 +41,7 @@ class Segment(NamedTuple):
 
 def step_segments(
     speeds_m_s: tuple[float, ...] = SPEEDS_M_S, turn_deg: float = TURN_DEG
-) -> tuple[Segment, ...]:
+) -> tuple[StepSegment, ...]:
     """Return the flight's segments after the takeoff to `HEIGHT_M`.
 
     In the frame of the vehicle's start: it stands at the origin and looks north.
@@ -50,20 +50,20 @@ def step_segments(
     hold = PositionSetpoint(hover, 0.0)
     still = VelocitySetpoint((0.0, 0.0, 0.0), yaw_rad=0.0)
     there = PositionSetpoint((POSITION_STEP_M, 0.0, -HEIGHT_M), 0.0)
-    segments: list[Segment] = []
+    segments: list[StepSegment] = []
     for speed in speeds_m_s:
         forward = VelocitySetpoint((speed, 0.0, 0.0), yaw_rad=0.0)
         segments += [
-            Segment(f"speed {speed}", 6.0, forward),
-            Segment(f"stop {speed}", 4.0, still),
-            Segment(f"back {speed}", 8.0, hold),
+            StepSegment(f"speed {speed}", 6.0, forward),
+            StepSegment(f"stop {speed}", 4.0, still),
+            StepSegment(f"back {speed}", 8.0, hold),
         ]
     return (
         *segments,
-        Segment("position 2", 8.0, there),
-        Segment("position back", 8.0, hold),
-        Segment("climb 0.5", 4.0, VelocitySetpoint((0.0, 0.0, -CLIMB_M_S), yaw_rad=0.0)),
-        Segment("hover", 6.0, hold),
-        Segment("yaw 60", 8.0, PositionSetpoint(hover, math.radians(turn_deg))),
-        Segment("yaw back", 6.0, hold),
+        StepSegment("position 2", 8.0, there),
+        StepSegment("position back", 8.0, hold),
+        StepSegment("climb 0.5", 4.0, VelocitySetpoint((0.0, 0.0, -CLIMB_M_S), yaw_rad=0.0)),
+        StepSegment("hover", 6.0, hold),
+        StepSegment("yaw 60", 8.0, PositionSetpoint(hover, math.radians(turn_deg))),
+        StepSegment("yaw back", 6.0, hold),
     )

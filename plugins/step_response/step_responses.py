@@ -9,9 +9,9 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from wil_campaign.foundation.tasks import finish, start, stop
+from wil_campaign.foundation.tasks import finish_in_task, start_task, stop_tasks
 from wil_campaign.orchestrator.campaign.resuming.attached_vehicles import AttachedVehicle
-from wil_campaign.plugins.step_response.comparison import Row, compare, load_ranges
+from wil_campaign.plugins.step_response.comparison import FigureRow, compare_figures, load_ranges
 from wil_campaign.plugins.step_response.event_order import EventTrace, OrderRow, order_rows
 from wil_campaign.plugins.step_response.figures import figures_of
 from wil_campaign.plugins.step_response.flight import StepFlight
@@ -24,9 +24,9 @@ from wil_campaign.safety.guard.core.events import (
     brings_down,
 )
 from wil_campaign.safety.guard.guard import Guard
-from wil_campaign.safety.guard.process.guard_config import GuardConfig, Guarded
+from wil_campaign.safety.guard.process.guard_config import GuardConfig, GuardedVehicleConfig
 from wil_campaign.safety.guard.process.remote_guard import RemoteGuard
-from wil_campaign.vehicles.autopilots.autopilot import Autopilot, Target
+from wil_campaign.vehicles.autopilots.autopilot import Autopilot, MavlinkTarget
 from wil_campaign.vehicles.autopilots.registry import autopilot_named
 from wil_campaign.vehicles.driver import Driver
 from wil_campaign.vehicles.driver.vehicle_state import EstimateSample
@@ -57,14 +57,14 @@ class OperatorAbortError(VehicleError):
 
 
 @dataclass(frozen=True, slots=True)
-class Flown:
+class FlownStepResponses:
     """The result of flown step responses: figures and event orders against the firmware's.
 
     estimate_off_m: the largest distance of its estimate from its simulator's ground truth; None
     where it sent none.
     """
 
-    figures: tuple[Row, ...]
+    figures: tuple[FigureRow, ...]
     orders: tuple[OrderRow, ...]
     estimate_off_m: float | None = None
 
@@ -105,7 +105,7 @@ class EstimateError:
 
 def fly_step_responses(
     vehicle: AttachedVehicle, address: LinkAddress, *, folder: Path, progress: Progress
-) -> Flown:
+) -> FlownStepResponses:
     """Fly the step responses in real time; the vehicle is landed when this returns or raises.
 
     folder: where the guard writes its log. Raises VehicleError; KeyboardInterrupt after
@@ -119,9 +119,9 @@ def fly_step_responses(
 
 async def _fly(
     vehicle: AttachedVehicle, address: LinkAddress, folder: Path, progress: Progress
-) -> Flown:
+) -> FlownStepResponses:
     autopilot = autopilot_named(vehicle.identity.autopilot)
-    target = Target(vehicle.identity.system_id, vehicle.identity.component_id)
+    target = MavlinkTarget(vehicle.identity.system_id, vehicle.identity.component_id)
     guard = _guard(autopilot, target, address, folder)
     link = TappedLink(guard.link(_NAME))
     trace = EventTrace(autopilot=autopilot, target=target)
@@ -138,17 +138,21 @@ async def _fly(
                 flown = await _fly_until_takeover(flight, guard)
             except BaseException as failure:
                 progress("bring down")
-                await finish(_bring_down(guard, str(failure) or "interrupted"), name="landing")
+                await finish_in_task(
+                    _bring_down(guard, str(failure) or "interrupted"), name="landing"
+                )
                 raise
             if not await guard.at_rest(_AT_REST_S):
                 why = f"{_NAME} reported disarmed, then armed again"
-                await finish(_bring_down(guard, why), name="landing")
-    rows = compare(load_ranges(autopilot.name), figures_of(flown))
+                await finish_in_task(_bring_down(guard, why), name="landing")
+    rows = compare_figures(load_ranges(autopilot.name), figures_of(flown))
     orders = tuple(order_rows(trace.events, autopilot.name))
-    return Flown(tuple(rows), orders, error.most_m)
+    return FlownStepResponses(tuple(rows), orders, error.most_m)
 
 
-def _guard(autopilot: Autopilot, target: Target, address: LinkAddress, folder: Path) -> RemoteGuard:
+def _guard(
+    autopilot: Autopilot, target: MavlinkTarget, address: LinkAddress, folder: Path
+) -> RemoteGuard:
     """Return a guard in a separate process, which also lands if this process dies."""
     vehicle = GuardedVehicle(autopilot=autopilot, target=target, attached=True)
     return RemoteGuard(
@@ -156,7 +160,7 @@ def _guard(autopilot: Autopilot, target: Target, address: LinkAddress, folder: P
             run="doctor",
             folder=str(folder.absolute()),
             epoch_s=time.time() - asyncio.get_running_loop().time(),
-            vehicles={_NAME: Guarded(vehicle=vehicle, link=str(address))},
+            vehicles={_NAME: GuardedVehicleConfig(vehicle=vehicle, link=str(address))},
             settings=GuardSettings(orchestrator_silent_s=_SILENT_S),
         )
     )
@@ -164,7 +168,7 @@ def _guard(autopilot: Autopilot, target: Target, address: LinkAddress, folder: P
 
 async def _fly_until_takeover(flight: StepFlight, guard: RemoteGuard) -> Series:
     """Fly until the guard takes over. Raises VehicleError with the guard's reason."""
-    task = start(flight.fly(), name="step responses")
+    task = start_task(flight.fly(), name="step responses")
     causes: list[GuardEvent] = []
 
     def stop_flight(event: GuardEvent) -> None:
@@ -177,7 +181,7 @@ async def _fly_until_takeover(flight: StepFlight, guard: RemoteGuard) -> Series:
         await asyncio.wait([task])
     finally:
         if not task.done():
-            await stop(task)
+            await stop_tasks(task)
     if causes:
         kind = OperatorAbortError if causes[0].kind == "abort" else VehicleError
         raise kind(f"the guard lands {_NAME}: {causes[0].text}")

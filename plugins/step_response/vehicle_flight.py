@@ -11,19 +11,19 @@ from wil_campaign.orchestrator.campaign.resuming.attached_vehicles import Attach
 from wil_campaign.orchestrator.cli.arming_consent import (
     REFUSED,
     UNAVAILABLE,
-    RefusedError,
+    FlightRefusedError,
     clear_vehicle,
 )
-from wil_campaign.orchestrator.cli.standard_streams import err, out
-from wil_campaign.orchestrator.cli.text_table import table
+from wil_campaign.orchestrator.cli.standard_streams import write_stderr, write_stdout
+from wil_campaign.orchestrator.cli.text_table import table_lines
 from wil_campaign.plugins.doctor.vehicle_check import (
-    exit_code_of,
+    check_exit_code,
     identity_document,
     vehicle_address,
 )
 from wil_campaign.plugins.step_response.comparison import FIRMWARES, LIMIT
 from wil_campaign.plugins.step_response.step_responses import (
-    Flown,
+    FlownStepResponses,
     OperatorAbortError,
     fly_step_responses,
 )
@@ -43,15 +43,19 @@ def fly_vehicle(link: str | None, *, arm_real: bool, results: Path, as_json: boo
         found = clear_vehicle(address, purpose="a flight of step responses", arm_real=arm_real)
         _require_figures(found.identity.autopilot)
         folder = _new_folder(results / "doctor")
-        err(f"the vehicle flies for three minutes, 4 m forward and 3 m up; frames go to {folder}")
-        flown = fly_step_responses(found, address, folder=folder, progress=err)
-    except (RefusedError, VehicleError) as error:
-        err(error)
-        return ABORTED if isinstance(error, OperatorAbortError) else exit_code_of(error)
+        write_stderr(
+            f"the vehicle flies for three minutes, 4 m forward and 3 m up; frames go to {folder}"
+        )
+        flown = fly_step_responses(found, address, folder=folder, progress=write_stderr)
+    except (FlightRefusedError, VehicleError) as error:
+        write_stderr(error)
+        return ABORTED if isinstance(error, OperatorAbortError) else check_exit_code(error)
     except OSError as error:
-        err(f"{results}: cannot be written: {error.strerror or error}; --out gives another folder")
+        write_stderr(
+            f"{results}: cannot be written: {error.strerror or error}; --out gives another folder"
+        )
         return UNAVAILABLE
-    out(to_json(_document(found, flown)).rstrip() if as_json else _as_text(found, flown))
+    write_stdout(to_json(_document(found, flown)).rstrip() if as_json else _as_text(found, flown))
     return DIFFERS if flown.beyond else 0
 
 
@@ -67,7 +71,7 @@ def _require_figures(autopilot: str) -> None:
     if autopilot not in FIRMWARES:
         known = " and ".join(FIRMWARES)
         message = f"--fly: the figures of {known} are known, not of {autopilot}; leave --fly out"
-        raise RefusedError(message, REFUSED)
+        raise FlightRefusedError(message, REFUSED)
 
 
 def _new_folder(parent: Path) -> Path:
@@ -76,7 +80,7 @@ def _new_folder(parent: Path) -> Path:
     return Path(tempfile.mkdtemp(prefix=f"{datetime.now(UTC):%Y%m%dT%H%M%SZ}-", dir=parent))
 
 
-def _as_text(found: AttachedVehicle, flown: Flown) -> str:
+def _as_text(found: AttachedVehicle, flown: FlownStepResponses) -> str:
     """Return the measured figures and event orders as a table with a conclusion."""
     rows: list[tuple[str, str, str, str, str]] = []
     for row in flown.figures:
@@ -97,7 +101,7 @@ def _as_text(found: AttachedVehicle, flown: Flown) -> str:
         end = f"{name} differs from {firmware} in {flown.beyond} of {flown.total}"
     else:
         end = f"{name} flies as {firmware}: {flown.total} of {flown.total} within {LIMIT:.0%}"
-    return f"{table(_HEADER, rows)}\n{_estimate_text(flown.estimate_off_m)}\n{end}"
+    return f"{table_lines(_HEADER, rows)}\n{_estimate_text(flown.estimate_off_m)}\n{end}"
 
 
 def _estimate_text(off_m: float | None) -> str:
@@ -112,7 +116,7 @@ def _mark(beyond: bool) -> str:
     return "out" if beyond else "in"
 
 
-def _document(found: AttachedVehicle, flown: Flown) -> dict[str, Any]:
+def _document(found: AttachedVehicle, flown: FlownStepResponses) -> dict[str, Any]:
     """Return the JSON document of a flight; a difference that is infinite is null."""
     return {
         "vehicle": identity_document(found),

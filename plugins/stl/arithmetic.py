@@ -5,14 +5,14 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from wil_campaign.plugins.stl.formula import (
-    Absolute,
+    AbsoluteTerm,
     Atom,
-    Calculation,
+    BooleanAtom,
+    CalculationTerm,
     Comparator,
-    Comparison,
-    Holds,
-    Name,
-    Number,
+    ConstantTerm,
+    SignalTerm,
+    StlComparison,
     Term,
 )
 from wil_campaign.plugins.stl.steps import Values
@@ -26,47 +26,47 @@ _ARITHMETIC: dict[str, Callable[[Values, Values], Values]] = {
 _OPPOSITE: dict[Comparator, Comparator] = {">=": "<", "<": ">=", "<=": ">", ">": "<="}
 
 
-def value_of(term: Term, signals: Mapping[str, Values]) -> Values:
+def value_of_term(term: Term, signals: Mapping[str, Values]) -> Values:
     """Return the arithmetic value of an STL term; division by 0 is infinite, or NaN."""
     match term:
-        case Number(value):
+        case ConstantTerm(value):
             return np.array(value)
-        case Name(name):
+        case SignalTerm(name):
             return signals[name]
-        case Absolute(inner):
-            return np.abs(value_of(inner, signals))
-        case Calculation(operator, left, right):
+        case AbsoluteTerm(inner):
+            return np.abs(value_of_term(inner, signals))
+        case CalculationTerm(operator, left, right):
             with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-                both = value_of(left, signals), value_of(right, signals)
+                both = value_of_term(left, signals), value_of_term(right, signals)
                 return np.asarray(_ARITHMETIC[operator](*both))
 
 
-def difference_of(atom: Comparison, signals: Mapping[str, Values]) -> Values:
+def comparison_margin(atom: StlComparison, signals: Mapping[str, Values]) -> Values:
     """Return the margin by which an STL comparison holds, in its unit; negative if violated."""
-    left, right = value_of(atom.left, signals), value_of(atom.right, signals)
+    left, right = value_of_term(atom.left, signals), value_of_term(atom.right, signals)
     with np.errstate(invalid="ignore", over="ignore"):
         return left - right if atom.comparator in {">=", ">"} else right - left
 
 
-def limit_side(atom: Comparison) -> tuple[Term, Term]:
+def limit_side(atom: StlComparison) -> tuple[Term, Term]:
     """Return the measured and the limiting side of a comparison: the number, or the right."""
-    if isinstance(atom.left, Number):
+    if isinstance(atom.left, ConstantTerm):
         return atom.right, atom.left
     return atom.left, atom.right
 
 
-def scale_of(atom: Atom) -> float:
+def margin_scale_of(atom: Atom) -> float:
     """Return the scale by which a comparison's margin is divided where units are mixed."""
-    if isinstance(atom, Comparison):
+    if isinstance(atom, StlComparison):
         limit = limit_side(atom)[1]
-        if isinstance(limit, Number) and limit.value:
+        if isinstance(limit, ConstantTerm) and limit.value:
             return abs(limit.value)
     return 1.0
 
 
-def written(atom: Atom, *, positive: bool = True) -> str:
+def written_atom(atom: Atom, *, positive: bool = True) -> str:
     """Return an atom, or its negation, as STL text."""
-    if isinstance(atom, Holds):
+    if isinstance(atom, BooleanAtom):
         return atom.name.name if positive else f"not {atom.name.name}"
     comparator = atom.comparator if positive else _OPPOSITE[atom.comparator]
     return f"{written_term(atom.left)} {comparator} {written_term(atom.right)}"
@@ -75,20 +75,20 @@ def written(atom: Atom, *, positive: bool = True) -> str:
 def written_term(term: Term) -> str:
     """Return an arithmetic term as STL text."""
     match term:
-        case Number(value):
+        case ConstantTerm(value):
             return f"{value:g}"
-        case Name(name):
+        case SignalTerm(name):
             return name
-        case Absolute(inner):
+        case AbsoluteTerm(inner):
             return f"abs({written_term(inner)})"
-        case Calculation(operator, left, right):
+        case CalculationTerm(operator, left, right):
             first, second = written_term(left), written_term(right)
             if operator in {"*", "/"} and _is_sum(left):
                 first = f"({first})"
-            if isinstance(right, Calculation) and (operator != "+" or not _is_sum(right)):
+            if isinstance(right, CalculationTerm) and (operator != "+" or not _is_sum(right)):
                 second = f"({second})"
             return f"{first} {operator} {second}"
 
 
 def _is_sum(term: Term) -> bool:
-    return isinstance(term, Calculation) and term.operator in {"+", "-"}
+    return isinstance(term, CalculationTerm) and term.operator in {"+", "-"}

@@ -19,7 +19,7 @@ class StlError(ValueError):
 
 
 @dataclass(frozen=True, slots=True)
-class Number:
+class ConstantTerm:
     """A constant in a formula; it has the unit of the signal that it is compared with."""
 
     value: float
@@ -27,7 +27,7 @@ class Number:
 
 
 @dataclass(frozen=True, slots=True)
-class Name:
+class SignalTerm:
     """A signal's name in a formula."""
 
     name: str
@@ -35,7 +35,7 @@ class Name:
 
 
 @dataclass(frozen=True, slots=True)
-class Calculation:
+class CalculationTerm:
     """Arithmetic on two terms of a formula."""
 
     operator: Literal["+", "-", "*", "/"]
@@ -45,18 +45,18 @@ class Calculation:
 
 
 @dataclass(frozen=True, slots=True)
-class Absolute:
+class AbsoluteTerm:
     """The absolute value of a term in a formula."""
 
     term: "Term"
     at: int
 
 
-Term = Number | Name | Calculation | Absolute
+Term = ConstantTerm | SignalTerm | CalculationTerm | AbsoluteTerm
 
 
 @dataclass(frozen=True, slots=True)
-class Comparison:
+class StlComparison:
     """A comparison of two terms in a formula; its robustness is their difference."""
 
     left: Term
@@ -66,15 +66,15 @@ class Comparison:
 
 
 @dataclass(frozen=True, slots=True)
-class Holds:
+class BooleanAtom:
     """A boolean signal in a formula."""
 
-    name: Name
+    name: SignalTerm
     at: int
 
 
 @dataclass(frozen=True, slots=True)
-class Not:
+class NegatedFormula:
     """A negated formula."""
 
     inner: "Formula"
@@ -82,7 +82,7 @@ class Not:
 
 
 @dataclass(frozen=True, slots=True)
-class Junctor:
+class JunctorFormula:
     """Two formulas joined by and, or, implies, iff."""
 
     word: Junction
@@ -92,7 +92,7 @@ class Junctor:
 
 
 @dataclass(frozen=True, slots=True)
-class Interval:
+class StlInterval:
     """An interval of a formula, seconds; until_s None is to the end of the window."""
 
     from_s: float = 0.0
@@ -100,52 +100,52 @@ class Interval:
 
 
 @dataclass(frozen=True, slots=True)
-class Temporal:
+class TemporalFormula:
     """A temporal formula: always, historically (all times); eventually, once (some time)."""
 
     word: Modal
-    interval: Interval
+    interval: StlInterval
     inner: "Formula"
     at: int
 
 
 @dataclass(frozen=True, slots=True)
-class Until:
+class UntilFormula:
     """The formula left until right: left holds until, within the interval, right does."""
 
-    interval: Interval
+    interval: StlInterval
     left: "Formula"
     right: "Formula"
     at: int
 
 
-Atom = Comparison | Holds
-Formula = Atom | Not | Junctor | Temporal | Until
+Atom = StlComparison | BooleanAtom
+Formula = Atom | NegatedFormula | JunctorFormula | TemporalFormula | UntilFormula
 Node = Term | Formula
 
 
-def children(node: Node) -> tuple[Node, ...]:
+def formula_children(node: Node) -> tuple[Node, ...]:
     """Return the parts that a formula's node is made of."""
     match node:
-        case Number() | Name():
+        case ConstantTerm() | SignalTerm():
             return ()
-        case Absolute(term):
+        case AbsoluteTerm(term):
             return (term,)
-        case Not(inner) | Temporal(_, _, inner):
+        case NegatedFormula(inner) | TemporalFormula(_, _, inner):
             return (inner,)
-        case Holds(name):
+        case BooleanAtom(name):
             return (name,)
-        case Calculation(_, left, right) | Comparison(left, _, right):
+        case CalculationTerm(_, left, right) | StlComparison(left, _, right):
             return (left, right)
-        case Junctor(_, left, right) | Until(_, left, right):
+        case JunctorFormula(_, left, right) | UntilFormula(_, left, right):
             return (left, right)
 
 
-def names_of(node: Node) -> tuple[Name, ...]:
+def signal_names_of(node: Node) -> tuple[SignalTerm, ...]:
     """Return every signal name in a formula, in the order of the text."""
-    if isinstance(node, Name):
+    if isinstance(node, SignalTerm):
         return (node,)
-    return tuple(name for child in children(node) for name in names_of(child))
+    return tuple(name for child in formula_children(node) for name in signal_names_of(child))
 
 
 def first_needed_s(formula: Formula, at_s: float = 0.0) -> Iterator[tuple[Atom, float]]:
@@ -154,22 +154,29 @@ def first_needed_s(formula: Formula, at_s: float = 0.0) -> Iterator[tuple[Atom, 
     at_s: when the formula itself is needed; times count from the opening of the window.
     """
     match formula:
-        case Comparison() | Holds():
+        case StlComparison() | BooleanAtom():
             yield formula, at_s
-        case Not(inner):
+        case NegatedFormula(inner):
             yield from first_needed_s(inner, at_s)
-        case Temporal("always" | "eventually", interval, inner):
+        case TemporalFormula("always" | "eventually", interval, inner):
             yield from first_needed_s(inner, at_s + interval.from_s)
-        case Temporal(_, interval, inner):
+        case TemporalFormula(_, interval, inner):
             back_s = at_s if interval.until_s is None else interval.until_s
             yield from first_needed_s(inner, max(0.0, at_s - back_s))
-        case Junctor(_, left, right):
+        case JunctorFormula(_, left, right):
             yield from first_needed_s(left, at_s)
             yield from first_needed_s(right, at_s)
-        case Until(interval, left, right):
+        case UntilFormula(interval, left, right):
             yield from first_needed_s(left, at_s)
             yield from first_needed_s(right, at_s + interval.from_s)
 
 
-FORMULAS = (Comparison, Holds, Not, Junctor, Temporal, Until)
-TERMS = (Number, Name, Calculation, Absolute)
+FORMULAS = (
+    StlComparison,
+    BooleanAtom,
+    NegatedFormula,
+    JunctorFormula,
+    TemporalFormula,
+    UntilFormula,
+)
+TERMS = (ConstantTerm, SignalTerm, CalculationTerm, AbsoluteTerm)

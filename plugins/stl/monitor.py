@@ -19,17 +19,17 @@ from dataclasses import dataclass
 from wil_campaign.plugins.stl.formula import Formula
 from wil_campaign.plugins.stl.robustness import (
     ZERO,
-    Evaluation,
-    Occurrence,
-    Recording,
-    Unevaluable,
+    AtomOccurrence,
+    FormulaEvaluation,
+    SignalRecording,
     UnevaluableError,
+    UnevaluableFormula,
 )
 from wil_campaign.plugins.stl.steps import Values
 
 
 @dataclass(frozen=True, slots=True)
-class Robustness:
+class FormulaRobustness:
     """The robustness of an STL formula at the beginning of the window.
 
     value: positive when it holds, negative when not; infinite where boolean signals
@@ -39,7 +39,7 @@ class Robustness:
 
     value: float
     holds: bool
-    decided_by: Occurrence | None
+    decided_by: AtomOccurrence | None
     index: int
 
 
@@ -52,18 +52,18 @@ class StlMonitor:
 
     def robustness(
         self, times_s: Sequence[float], signals: Mapping[str, Values], end_s: float
-    ) -> Robustness | Unevaluable:
+    ) -> FormulaRobustness | UnevaluableFormula:
         """Return the robustness at times_s[0] of what was recorded up to end_s."""
         found = self._evaluate_formula(times_s, signals, end_s, best_after=False)
-        if isinstance(found, Robustness) and found.decided_by is None:
-            return Unevaluable(
+        if isinstance(found, FormulaRobustness) and found.decided_by is None:
+            return UnevaluableFormula(
                 "the formula", times_s[0], "looks back to before its window, which begins"
             )
         return found
 
     def at_best(
         self, times_s: Sequence[float], signals: Mapping[str, Values], end_s: float
-    ) -> Robustness | Unevaluable:
+    ) -> FormulaRobustness | UnevaluableFormula:
         """Return the best robustness still possible after end_s."""
         return self._evaluate_formula(times_s, signals, end_s, best_after=True)
 
@@ -78,7 +78,7 @@ class StlMonitor:
             seen = {name: values[: middle + 1] for name, values in signals.items()}
             # A sample counts only when time has advanced by one nanosecond of the recording's axis.
             best = self.at_best(times_s[: middle + 1], seen, times_s[middle] + 1e-9)
-            if isinstance(best, Robustness) and not best.holds:
+            if isinstance(best, FormulaRobustness) and not best.holds:
                 after = middle
             else:
                 first = middle + 1
@@ -91,13 +91,13 @@ class StlMonitor:
         end_s: float,
         *,
         best_after: bool,
-    ) -> Robustness | Unevaluable:
+    ) -> FormulaRobustness | UnevaluableFormula:
         """Return the formula's robustness over recorded values, or why none."""
-        recording = Recording(
+        recording = SignalRecording(
             times_s, signals, end_s=end_s, mixed=self._mixed, best_after=best_after
         )
         try:
-            value, by, index = Evaluation(recording).at_begin(self._formula)
+            value, by, index = FormulaEvaluation(recording).at_begin(self._formula)
         except UnevaluableError as error:
             return error.found
-        return Robustness(0.0 if abs(value) <= ZERO else value, value > 0.0, by, index)
+        return FormulaRobustness(0.0 if abs(value) <= ZERO else value, value > 0.0, by, index)

@@ -12,28 +12,28 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Literal
 
-from wil_campaign.foundation.files.problems import closest
+from wil_campaign.foundation.files.problems import closest_word
 from wil_campaign.plugins.stl.formula import (
     FORMULAS,
     TERMS,
-    Absolute,
-    Calculation,
+    AbsoluteTerm,
+    BooleanAtom,
+    CalculationTerm,
     Comparator,
-    Comparison,
+    ConstantTerm,
     Formula,
-    Holds,
-    Interval,
     Junction,
-    Junctor,
+    JunctorFormula,
     Modal,
-    Name,
+    NegatedFormula,
     Node,
-    Not,
-    Number,
+    SignalTerm,
+    StlComparison,
     StlError,
-    Temporal,
+    StlInterval,
+    TemporalFormula,
     Term,
-    Until,
+    UntilFormula,
 )
 
 LONGEST = 1000
@@ -67,7 +67,7 @@ WORDS = frozenset({*MODALS, "until", "not", "and", "or", "implies", "iff", "abs"
 
 
 @dataclass(frozen=True, slots=True)
-class Token:
+class StlToken:
     """A token of an STL formula: number, name, word or sign; text is "" at the end."""
 
     kind: str
@@ -75,7 +75,7 @@ class Token:
     at: int
 
 
-def tokens_of(text: str) -> Iterator[Token]:
+def stl_tokens_of(text: str) -> Iterator[StlToken]:
     """Yield the tokens of a formula, the last one of kind "end". Raises StlError."""
     if len(text) > LONGEST:
         raise StlError(f"is longer than {LONGEST} characters", LONGEST)
@@ -92,9 +92,9 @@ def tokens_of(text: str) -> Iterator[Token]:
         word = ALIASES.get(found, found)
         if (kind == "name" and word in WORDS) or (kind == "sign" and word in WORDS):
             kind = "word"
-        yield Token(kind, word if kind == "word" else found, match.start(match.lastgroup))
+        yield StlToken(kind, word if kind == "word" else found, match.start(match.lastgroup))
         at = match.end()
-    yield Token("end", "", end)
+    yield StlToken("end", "", end)
 
 
 DEEPEST = 40
@@ -113,7 +113,7 @@ _MODALS: dict[str, Modal] = {
 
 def parse_stl(text: str) -> Formula:
     """Return the parsed STL formula of a text. Raises StlError with the offset of the mistake."""
-    parser = _Parser(list(tokens_of(text)))
+    parser = _Parser(list(stl_tokens_of(text)))
     node = parser.junction(0)
     parser.expect_end()
     return _formula(node)
@@ -123,8 +123,8 @@ def _formula(node: Node) -> Formula:
     """Return the parsed node as a formula. Raises StlError for a bare value."""
     if isinstance(node, FORMULAS):
         return node
-    if isinstance(node, Name):
-        return Holds(node, node.at)
+    if isinstance(node, SignalTerm):
+        return BooleanAtom(node, node.at)
     raise StlError(NO_STATEMENT, _begin(node))
 
 
@@ -136,34 +136,34 @@ def _term(node: Node) -> Term:
 
 def _begin(node: Node) -> int:
     match node:
-        case Calculation(_, left, _) | Comparison(left, _, _):
+        case CalculationTerm(_, left, _) | StlComparison(left, _, _):
             return _begin(left)
-        case Junctor(_, left, _) | Until(_, left, _):
+        case JunctorFormula(_, left, _) | UntilFormula(_, left, _):
             return _begin(left)
         case _:
             return node.at
 
 
 class _Parser:
-    def __init__(self, tokens: list[Token]) -> None:
+    def __init__(self, tokens: list[StlToken]) -> None:
         self._tokens = tokens
         self._next = 0
         self._depth = 0
 
     @property
-    def _token(self) -> Token:
+    def _token(self) -> StlToken:
         return self._tokens[self._next]
 
-    def _take(self) -> Token:
+    def _take(self) -> StlToken:
         token = self._token
         self._next += 1
         return token
 
-    def _take_if(self, *texts: str) -> Token | None:
+    def _take_if(self, *texts: str) -> StlToken | None:
         token = self._token
         return self._take() if token.kind in {"word", "sign"} and token.text in texts else None
 
-    def _expect(self, text: str) -> Token:
+    def _expect(self, text: str) -> StlToken:
         token = self._take_if(text)
         if token is None:
             raise self._unexpected(f"'{text}' is missing")
@@ -185,7 +185,7 @@ class _Parser:
                 message + "it takes the unit of the signal that it is compared with", token.at
             )
         if before is not None and before.kind == "name" and token.text in {"(", "["}:
-            meant = closest(before.text, WORDS)
+            meant = closest_word(before.text, WORDS)
             return StlError(f"'{before.text}' is not a word of the language", before.at, meant)
         return StlError(message, token.at)
 
@@ -198,18 +198,18 @@ class _Parser:
         while (token := self._take_if(word)) is not None:
             # Implication is right-associative, as in logic.
             right = self._parse_nested(level if word == "implies" else level + 1, token)
-            left = Junctor(word, _formula(left), _formula(right), token.at)
+            left = JunctorFormula(word, _formula(left), _formula(right), token.at)
         return left
 
     @contextmanager
-    def _deeper(self, token: Token) -> Iterator[None]:
+    def _deeper(self, token: StlToken) -> Iterator[None]:
         self._depth += 1
         if self._depth > DEEPEST:
             raise StlError(f"is nested more than {DEEPEST} deep", token.at)
         yield
         self._depth -= 1
 
-    def _parse_nested(self, level: int, token: Token) -> Node:
+    def _parse_nested(self, level: int, token: StlToken) -> Node:
         with self._deeper(token):
             return self.junction(level)
 
@@ -218,7 +218,7 @@ class _Parser:
         while (token := self._take_if("until")) is not None:
             interval = self._interval()
             right = self._parse_prefixed()
-            left = Until(interval, _formula(left), _formula(right), token.at)
+            left = UntilFormula(interval, _formula(left), _formula(right), token.at)
         return left
 
     def _parse_prefixed(self) -> Node:
@@ -227,14 +227,14 @@ class _Parser:
             return self._comparison()
         with self._deeper(token):
             if token.text == "not":
-                return Not(_formula(self._parse_prefixed()), token.at)
+                return NegatedFormula(_formula(self._parse_prefixed()), token.at)
             interval = self._interval()
             inner = _formula(self._parse_prefixed())
-            return Temporal(_MODALS[token.text], interval, inner, token.at)
+            return TemporalFormula(_MODALS[token.text], interval, inner, token.at)
 
-    def _interval(self) -> Interval:
+    def _interval(self) -> StlInterval:
         if self._take_if("[") is None:
-            return Interval()
+            return StlInterval()
         begin = self._seconds()
         if self._take_if(",", ":") is None:
             raise self._unexpected("an interval is [from,to] in seconds, like [0,30]")
@@ -243,7 +243,7 @@ class _Parser:
         self._expect("]")
         if end < begin:
             raise StlError(f"the interval ends before it begins: [{begin:g},{end:g}]", at)
-        return Interval(begin, end)
+        return StlInterval(begin, end)
 
     def _seconds(self) -> float:
         token = self._token
@@ -256,35 +256,37 @@ class _Parser:
 
     def _comparison(self) -> Node:
         left = self._sum()
-        found: list[Comparison] = []
+        found: list[StlComparison] = []
         while self._token.text in _COMPARATORS or self._token.text in {"=", "==", "!="}:
             token = self._take()
             if token.text not in _COMPARATORS:
                 message = f"'{token.text}': two measured values are never equal; use <= and >="
                 raise StlError(message, token.at)
             right = self._sum()
-            found.append(Comparison(_term(left), _COMPARATORS[token.text], _term(right), token.at))
+            found.append(
+                StlComparison(_term(left), _COMPARATORS[token.text], _term(right), token.at)
+            )
             left = right
         if not found:
             return left
         # A chain such as 0.5 <= up_m <= 2 is a conjunction.
         whole: Formula = found[0]
         for each in found[1:]:
-            whole = Junctor("and", whole, each, each.at)
+            whole = JunctorFormula("and", whole, each, each.at)
         return whole
 
     def _sum(self) -> Node:
         left = self._product()
         while (token := self._take_if("+", "-")) is not None:
             operator: Literal["+", "-"] = "+" if token.text == "+" else "-"
-            left = Calculation(operator, _term(left), _term(self._product()), token.at)
+            left = CalculationTerm(operator, _term(left), _term(self._product()), token.at)
         return left
 
     def _product(self) -> Node:
         left = self._factor()
         while (token := self._take_if("*", "/")) is not None:
             operator: Literal["*", "/"] = "*" if token.text == "*" else "/"
-            left = Calculation(operator, _term(left), _term(self._factor()), token.at)
+            left = CalculationTerm(operator, _term(left), _term(self._factor()), token.at)
         return left
 
     def _factor(self) -> Node:
@@ -292,14 +294,14 @@ class _Parser:
         if self._take_if("-"):
             with self._deeper(token):
                 inner = _term(self._factor())
-            if isinstance(inner, Number):
-                return Number(-inner.value, token.at)
-            return Calculation("-", Number(0.0, token.at), inner, token.at)
+            if isinstance(inner, ConstantTerm):
+                return ConstantTerm(-inner.value, token.at)
+            return CalculationTerm("-", ConstantTerm(0.0, token.at), inner, token.at)
         if self._take_if("abs"):
             self._expect("(")
             inner = _term(self._parse_nested(0, token))
             self._expect(")")
-            return Absolute(inner, token.at)
+            return AbsoluteTerm(inner, token.at)
         if self._take_if("("):
             node = self._parse_nested(0, token)
             self._expect(")")
@@ -307,12 +309,12 @@ class _Parser:
         if token.kind == "number":
             return self._number(self._take())
         if token.kind == "name":
-            return Name(self._take().text, token.at)
+            return SignalTerm(self._take().text, token.at)
         raise self._unexpected("a signal, a number or '(' is missing")
 
     @staticmethod
-    def _number(token: Token) -> Number:
+    def _number(token: StlToken) -> ConstantTerm:
         value = float(token.text)
         if value in {float("inf"), float("-inf")}:
             raise StlError(f"{token.text} is not finite", token.at)
-        return Number(value, token.at)
+        return ConstantTerm(value, token.at)

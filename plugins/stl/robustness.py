@@ -9,33 +9,33 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from wil_campaign.plugins.stl.arithmetic import difference_of, scale_of, written_term
+from wil_campaign.plugins.stl.arithmetic import comparison_margin, margin_scale_of, written_term
 from wil_campaign.plugins.stl.formula import (
     FORMULAS,
     Atom,
-    Comparison,
+    BooleanAtom,
     Formula,
-    Holds,
-    Interval,
-    Junctor,
+    JunctorFormula,
+    NegatedFormula,
     Node,
-    Not,
-    Temporal,
-    Until,
-    children,
-    names_of,
+    StlComparison,
+    StlInterval,
+    TemporalFormula,
+    UntilFormula,
+    formula_children,
+    signal_names_of,
 )
 from wil_campaign.plugins.stl.steps import (
     NEVER_NS,
     NO_ORIGIN,
     Indices,
-    Steps,
+    StepFunction,
     Values,
-    held_until,
-    higher,
+    higher_steps,
     highest_within,
-    implied,
-    lower,
+    implied_steps,
+    lower_steps,
+    steps_held_until,
 )
 
 ZERO = float(np.finfo(np.float64).tiny)
@@ -44,7 +44,7 @@ and maximum then tell < from <=."""
 
 
 @dataclass(frozen=True, slots=True)
-class Occurrence:
+class AtomOccurrence:
     """An occurrence of an atom in an evaluated formula. positive: robustness grows with it."""
 
     atom: Atom
@@ -52,7 +52,7 @@ class Occurrence:
 
 
 @dataclass(frozen=True, slots=True)
-class Unevaluable:
+class UnevaluableFormula:
     """A formula that cannot be evaluated. signal: the one at fault; at_s: since when.
 
     at_s is on the time axis of the samples, None where there are none. problem: "has no value".
@@ -71,12 +71,12 @@ class Unevaluable:
 class UnevaluableError(Exception):
     """Ends the evaluation of a formula that has no value."""
 
-    def __init__(self, found: Unevaluable) -> None:
+    def __init__(self, found: UnevaluableFormula) -> None:
         super().__init__(str(found))
         self.found = found
 
 
-class Recording:
+class SignalRecording:
     """The recorded signals for an evaluation, on a nanosecond axis from the first sample.
 
     end_ns: the end of the known values. best_after: the best possible values are taken after it;
@@ -109,21 +109,21 @@ class Recording:
         wrong = np.flatnonzero(~np.isfinite(values[rows]))
         if wrong.size:
             at_ns = int(self.times_ns[rows.start + int(wrong[0])])
-            raise UnevaluableError(Unevaluable(name, self.begin_s + at_ns / 1e9, problem))
+            raise UnevaluableError(UnevaluableFormula(name, self.begin_s + at_ns / 1e9, problem))
 
 
-class Evaluation:
+class FormulaEvaluation:
     """The evaluation of one formula's robustness over one recording.
 
     Origins are occurrence * samples + sample.
     """
 
-    def __init__(self, recording: Recording) -> None:
+    def __init__(self, recording: SignalRecording) -> None:
         self._recording = recording
-        self._occurrences: list[Occurrence] = []
-        self._known: dict[tuple[int, bool], Steps] = {}
+        self._occurrences: list[AtomOccurrence] = []
+        self._known: dict[tuple[int, bool], StepFunction] = {}
 
-    def at_begin(self, formula: Formula) -> tuple[float, Occurrence | None, int]:
+    def at_begin(self, formula: Formula) -> tuple[float, AtomOccurrence | None, int]:
         """Return the robustness, the deciding atom and sample. Raises UnevaluableError."""
         found = self._of(formula, (0, 0), positive=True)
         value, origin = float(found.values[0]), int(found.origins[0])
@@ -132,7 +132,7 @@ class Evaluation:
         number, index = divmod(origin, len(self._recording.times_ns))
         return value, self._occurrences[number], index
 
-    def _of(self, formula: Formula, span_ns: tuple[int, int], *, positive: bool) -> Steps:
+    def _of(self, formula: Formula, span_ns: tuple[int, int], *, positive: bool) -> StepFunction:
         """Return the robustness of a subformula over a span, both ends included.
 
         positive: whether the robustness of the whole grows with it. Each part is
@@ -145,39 +145,41 @@ class Evaluation:
 
     def _evaluate_node(  # noqa: PLR0911  # one for each kind of node
         self, formula: Formula, span_ns: tuple[int, int], *, positive: bool
-    ) -> Steps:
+    ) -> StepFunction:
         match formula:
-            case Comparison() | Holds():
+            case StlComparison() | BooleanAtom():
                 return self._atom(formula, span_ns, positive=positive)
-            case Not(inner):
+            case NegatedFormula(inner):
                 return self._of(inner, span_ns, positive=not positive).negated()
-            case Temporal("always" | "eventually"):
+            case TemporalFormula("always" | "eventually"):
                 return self._ahead(formula, span_ns, positive=positive)
-            case Temporal():
+            case TemporalFormula():
                 return self._back(formula, span_ns, positive=positive)
-            case Until():
+            case UntilFormula():
                 return self._until(formula, span_ns, positive=positive)
-            case Junctor("and" | "or" as word, left, right):
+            case JunctorFormula("and" | "or" as word, left, right):
                 first = self._of(left, span_ns, positive=positive)
                 second = self._of(right, span_ns, positive=positive)
-                return lower(first, second) if word == "and" else higher(first, second)
-            case Junctor(word, left, right):
+                return lower_steps(first, second) if word == "and" else higher_steps(first, second)
+            case JunctorFormula(word, left, right):
                 forth = self._evaluate_implication(left, right, span_ns, positive=positive)
                 if word == "implies":
                     return forth
-                return lower(
+                return lower_steps(
                     forth, self._evaluate_implication(right, left, span_ns, positive=positive)
                 )
 
     def _evaluate_implication(
         self, premise: Formula, conclusion: Formula, span_ns: tuple[int, int], *, positive: bool
-    ) -> Steps:
-        return implied(
+    ) -> StepFunction:
+        return implied_steps(
             self._of(premise, span_ns, positive=not positive),
             self._of(conclusion, span_ns, positive=positive),
         )
 
-    def _ahead(self, node: Temporal, span_ns: tuple[int, int], *, positive: bool) -> Steps:
+    def _ahead(
+        self, node: TemporalFormula, span_ns: tuple[int, int], *, positive: bool
+    ) -> StepFunction:
         from_ns, until_ns = span_ns
         lowest = node.word == "always"
         near_ns, far_ns = _bounds_ns(node.interval)
@@ -190,7 +192,9 @@ class Evaluation:
             enters_ns = inner.times_ns - far_ns
         return _extreme(inner, enters_ns, _shift_times(inner.until_ns(), -near_ns), span_ns, lowest)
 
-    def _back(self, node: Temporal, span_ns: tuple[int, int], *, positive: bool) -> Steps:
+    def _back(
+        self, node: TemporalFormula, span_ns: tuple[int, int], *, positive: bool
+    ) -> StepFunction:
         from_ns, until_ns = span_ns
         lowest = node.word == "historically"
         near_ns, far_ns = _bounds_ns(node.interval)
@@ -201,7 +205,9 @@ class Evaluation:
         leaves_ns = _shift_times(inner.until_ns(), NEVER_NS if far_ns is None else far_ns)
         return _extreme(inner, inner.times_ns + near_ns, leaves_ns, span_ns, lowest)
 
-    def _until(self, node: Until, span_ns: tuple[int, int], *, positive: bool) -> Steps:
+    def _until(
+        self, node: UntilFormula, span_ns: tuple[int, int], *, positive: bool
+    ) -> StepFunction:
         """Return the robustness of left until[near,far] right.
 
         It is eventually[near,far] right, and always[0,near] (left until right) (Donze, Ferrere,
@@ -216,13 +222,13 @@ class Evaluation:
         left = self._of(node.left, (from_ns, last_ns), positive=positive)
         right = self._of(node.right, (from_ns, last_ns), positive=positive)
         if far_ns is None:
-            return held_until(left, right, end_ns)
-        whole = held_until(left, right, last_ns)
+            return steps_held_until(left, right, end_ns)
+        whole = steps_held_until(left, right, last_ns)
         whole = _extreme(whole, whole.times_ns - near_ns, whole.until_ns(), span_ns, True)
         reached = _extreme(
             right, right.times_ns - far_ns, _shift_times(right.until_ns(), -near_ns), span_ns, False
         )
-        return lower(reached, whole)
+        return lower_steps(reached, whole)
 
     def _end_ns(self, inner: Node, *, latest: bool) -> int:
         """Return the end of an interval for the evaluation where none is given.
@@ -234,23 +240,23 @@ class Evaluation:
         past_ns = _past_ns(inner) if recording.best_after and latest else 0
         return recording.end_ns + past_ns
 
-    def _atom(self, atom: Atom, span_ns: tuple[int, int], *, positive: bool) -> Steps:
+    def _atom(self, atom: Atom, span_ns: tuple[int, int], *, positive: bool) -> StepFunction:
         recording = self._recording
         from_ns, until_ns = span_ns
         number = len(self._occurrences)
-        self._occurrences.append(Occurrence(atom, positive))
+        self._occurrences.append(AtomOccurrence(atom, positive))
         rows = recording.rows(from_ns, until_ns)
         values = self._values(atom, rows)
         times_ns = np.maximum(recording.times_ns[rows], from_ns)
         origins = np.arange(rows.start, rows.stop) + number * len(recording.times_ns)
-        steps = Steps(times_ns, values[rows], origins).compressed()
+        steps = StepFunction(times_ns, values[rows], origins).compressed()
         if not recording.best_after or until_ns < recording.end_ns:
             return steps
         best = _constant(max(from_ns, recording.end_ns), np.inf if positive else -np.inf)
         known = (
             steps.times_ns < recording.end_ns if from_ns < recording.end_ns else np.array([], int)
         )
-        return Steps(
+        return StepFunction(
             np.append(steps.times_ns[known], best.times_ns),
             np.append(steps.values[known], best.values),
             np.append(steps.origins[known], best.origins),
@@ -258,32 +264,36 @@ class Evaluation:
 
     def _values(self, atom: Atom, rows: slice) -> Values:
         recording = self._recording
-        for name in dict.fromkeys(name.name for name in names_of(atom)):
+        for name in dict.fromkeys(name.name for name in signal_names_of(atom)):
             recording.require_finite(name, recording.signals[name], rows, "has no value")
-        if isinstance(atom, Holds):
+        if isinstance(atom, BooleanAtom):
             true = recording.signals[atom.name.name] > 0.5
             return np.where(true, np.inf, -np.inf)
         difference = np.broadcast_to(
-            difference_of(atom, recording.signals), recording.times_ns.shape
+            comparison_margin(atom, recording.signals), recording.times_ns.shape
         )
         text = f"{written_term(atom.left)} - {written_term(atom.right)}"
         recording.require_finite(text, difference, rows, "is not finite")
         holds = difference > 0.0 if atom.comparator in {">", "<"} else difference >= 0.0
-        found = difference / scale_of(atom) if recording.mixed else difference
+        found = difference / margin_scale_of(atom) if recording.mixed else difference
         return np.where(found == 0.0, np.where(holds, ZERO, -ZERO), found)
 
 
 def _extreme(
-    inner: Steps, enters_ns: Indices, leaves_ns: Indices, span_ns: tuple[int, int], lowest: bool
-) -> Steps:
+    inner: StepFunction,
+    enters_ns: Indices,
+    leaves_ns: Indices,
+    span_ns: tuple[int, int],
+    lowest: bool,
+) -> StepFunction:
     """Return the extreme of a subformula's robustness within a moving window."""
     signed = inner.negated() if lowest else inner
     found = highest_within(signed, enters_ns, leaves_ns, *span_ns)
     return found.negated() if lowest else found
 
 
-def _constant(from_ns: int, value: float) -> Steps:
-    return Steps(np.array([from_ns]), np.array([value]), np.array([NO_ORIGIN]))
+def _constant(from_ns: int, value: float) -> StepFunction:
+    return StepFunction(np.array([from_ns]), np.array([value]), np.array([NO_ORIGIN]))
 
 
 def _shift_times(until_ns: Indices, by_ns: int) -> Indices:
@@ -293,7 +303,7 @@ def _shift_times(until_ns: Indices, by_ns: int) -> Indices:
     return np.append(until_ns[:-1] + by_ns, NEVER_NS)
 
 
-def _bounds_ns(interval: Interval) -> tuple[int, int | None]:
+def _bounds_ns(interval: StlInterval) -> tuple[int, int | None]:
     """Return an STL interval's bounds in nanoseconds; None for an open end."""
     until_s = interval.until_s
     return _ns(interval.from_s), None if until_s is None else _ns(until_s)
@@ -302,9 +312,11 @@ def _bounds_ns(interval: Interval) -> tuple[int, int | None]:
 def _past_ns(node: Node) -> int:
     """Return how far an evaluated subformula looks back, by its intervals."""
     own_ns = 0
-    if isinstance(node, Temporal) and node.word in {"once", "historically"}:
+    if isinstance(node, TemporalFormula) and node.word in {"once", "historically"}:
         own_ns = _bounds_ns(node.interval)[1] or 0
-    return own_ns + max((_past_ns(c) for c in children(node) if isinstance(c, FORMULAS)), default=0)
+    return own_ns + max(
+        (_past_ns(c) for c in formula_children(node) if isinstance(c, FORMULAS)), default=0
+    )
 
 
 def _ns(time_s: float) -> int:

@@ -18,7 +18,7 @@ NO_ORIGIN = -1
 
 
 @dataclass(frozen=True, slots=True)
-class Steps:
+class StepFunction:
     """A step function over time: values[i] from times_ns[i] on, the last one without end.
 
     times_ns: ascending, relative to the begin of the evaluation. origins: a number for the sample
@@ -29,21 +29,21 @@ class Steps:
     values: Values
     origins: Indices
 
-    def negated(self) -> "Steps":
+    def negated(self) -> "StepFunction":
         """Return the step function with the other sign."""
-        return Steps(self.times_ns, -self.values, self.origins)
+        return StepFunction(self.times_ns, -self.values, self.origins)
 
     def until_ns(self) -> Indices:
         """Return the end of each step's value."""
         return np.append(self.times_ns[1:], NEVER_NS)
 
-    def compressed(self) -> "Steps":
+    def compressed(self) -> "StepFunction":
         """Return the step function without times at which the value does not change."""
         kept = np.append(True, self.values[1:] != self.values[:-1])  # a flag
-        return Steps(self.times_ns[kept], self.values[kept], self.origins[kept])
+        return StepFunction(self.times_ns[kept], self.values[kept], self.origins[kept])
 
 
-def aligned(left: Steps, right: Steps) -> tuple[Steps, Steps]:
+def aligned_steps(left: StepFunction, right: StepFunction) -> tuple[StepFunction, StepFunction]:
     """Return two step functions over the times of both; both begin at the same time."""
     if np.array_equal(left.times_ns, right.times_ns):
         return left, right
@@ -51,54 +51,56 @@ def aligned(left: Steps, right: Steps) -> tuple[Steps, Steps]:
     return _over(left, times_ns), _over(right, times_ns)
 
 
-def _over(steps: Steps, times_ns: Indices) -> Steps:
+def _over(steps: StepFunction, times_ns: Indices) -> StepFunction:
     index = np.searchsorted(steps.times_ns, times_ns, side="right") - 1
-    return Steps(times_ns, steps.values[index], steps.origins[index])
+    return StepFunction(times_ns, steps.values[index], steps.origins[index])
 
 
-def split_at(steps: Steps, time_ns: int) -> Steps:
+def steps_split_at(steps: StepFunction, time_ns: int) -> StepFunction:
     """Return the step function with a step at a time, if that is after its begin."""
     if time_ns <= steps.times_ns[0]:
         return steps
     return _over(steps, np.union1d(steps.times_ns, np.array([time_ns])))
 
 
-def higher(left: Steps, right: Steps) -> Steps:
+def higher_steps(left: StepFunction, right: StepFunction) -> StepFunction:
     """Return the higher of two step functions at each time; the left where equal."""
-    left, right = aligned(left, right)
+    left, right = aligned_steps(left, right)
     return _choose_steps(right.values > left.values, left, right).compressed()
 
 
-def lower(left: Steps, right: Steps) -> Steps:
+def lower_steps(left: StepFunction, right: StepFunction) -> StepFunction:
     """Return the lower of two step functions at each time; the left where equal."""
-    left, right = aligned(left, right)
+    left, right = aligned_steps(left, right)
     return _choose_steps(right.values < left.values, left, right).compressed()
 
 
-def _choose_steps(second: NDArray[np.bool_], first: Steps, other: Steps) -> Steps:
-    return Steps(
+def _choose_steps(
+    second: NDArray[np.bool_], first: StepFunction, other: StepFunction
+) -> StepFunction:
+    return StepFunction(
         first.times_ns,
         np.where(second, other.values, first.values),
         np.where(second, other.origins, first.origins),
     )
 
 
-def implied(premise: Steps, conclusion: Steps) -> Steps:
+def implied_steps(premise: StepFunction, conclusion: StepFunction) -> StepFunction:
     """Return the step function of an implication: max of negated premise and conclusion.
 
     Where both are violated, the origin is that of the conclusion, which readers call violated.
     """
-    denied, conclusion = aligned(premise.negated(), conclusion)
+    denied, conclusion = aligned_steps(premise.negated(), conclusion)
     values = np.maximum(denied.values, conclusion.values)
     named = (values < 0.0) & (conclusion.origins != NO_ORIGIN)
     concluded = (conclusion.values >= denied.values) | named
     origins = np.where(concluded, conclusion.origins, denied.origins)
-    return Steps(denied.times_ns, values, origins).compressed()
+    return StepFunction(denied.times_ns, values, origins).compressed()
 
 
 def highest_within(
-    steps: Steps, enters_ns: Indices, leaves_ns: Indices, from_ns: int, until_ns: int
-) -> Steps:
+    steps: StepFunction, enters_ns: Indices, leaves_ns: Indices, from_ns: int, until_ns: int
+) -> StepFunction:
     """Return a step function's moving maximum, for each time from from_ns to until_ns.
 
     enters_ns, leaves_ns: from when and until when each value lies in the window, both ascending.
@@ -127,21 +129,23 @@ def highest_within(
     return _of_indices(steps, moments_ns, found)
 
 
-def _of_indices(steps: Steps, times_ns: Indices, found: list[int]) -> Steps:
+def _of_indices(steps: StepFunction, times_ns: Indices, found: list[int]) -> StepFunction:
     """Return the step function of selected indices; -inf for none."""
     index = np.array(found)
     values = np.where(index < 0, -np.inf, steps.values[index])
     origins = np.where(index < 0, NO_ORIGIN, steps.origins[index])
-    return Steps(times_ns, values, origins).compressed()
+    return StepFunction(times_ns, values, origins).compressed()
 
 
-def held_until(held: Steps, reached: Steps, end_ns: int) -> Steps:
+def steps_held_until(held: StepFunction, reached: StepFunction, end_ns: int) -> StepFunction:
     """Return the robustness steps of `held` until, by end_ns at the latest, `reached`.
 
     At a time t: the highest over t' >= t of the lower of reached(t') and of the lowest of held
     from t to t', both ends included; after end_ns t' is t alone.
     """
-    held, reached = aligned(split_at(held, end_ns + 1), split_at(reached, end_ns + 1))
+    held, reached = aligned_steps(
+        steps_split_at(held, end_ns + 1), steps_split_at(reached, end_ns + 1)
+    )
     now = _choose_steps(reached.values < held.values, held, reached)
     values, origins = now.values.tolist(), now.origins.tolist()
     holds, holders = held.values.tolist(), held.origins.tolist()
@@ -152,4 +156,4 @@ def held_until(held: Steps, reached: Steps, end_ns: int) -> Steps:
             kept, origin = holds[i], holders[i]
         if kept > values[i]:
             values[i], origins[i] = kept, origin
-    return Steps(held.times_ns, np.array(values), np.array(origins)).compressed()
+    return StepFunction(held.times_ns, np.array(values), np.array(origins)).compressed()

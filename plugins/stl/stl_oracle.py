@@ -15,34 +15,39 @@ from typing import Annotated, ClassVar
 from pydantic import Field
 
 from wil_campaign.foundation.files.documents import Data
-from wil_campaign.plugins.stl.arithmetic import difference_of, limit_side, value_of, written
+from wil_campaign.plugins.stl.arithmetic import (
+    comparison_margin,
+    limit_side,
+    value_of_term,
+    written_atom,
+)
 from wil_campaign.plugins.stl.formula import (
-    Comparison,
+    ConstantTerm,
     Formula,
-    Junctor,
-    Name,
-    Number,
+    JunctorFormula,
+    SignalTerm,
+    StlComparison,
     StlError,
-    Temporal,
+    TemporalFormula,
     Term,
     first_needed_s,
-    names_of,
+    signal_names_of,
 )
-from wil_campaign.plugins.stl.monitor import Robustness, StlMonitor
+from wil_campaign.plugins.stl.monitor import FormulaRobustness, StlMonitor
 from wil_campaign.plugins.stl.parser import parse_stl
-from wil_campaign.plugins.stl.robustness import Occurrence, Unevaluable
+from wil_campaign.plugins.stl.robustness import AtomOccurrence, UnevaluableFormula
 from wil_campaign.plugins.stl.steps import Values
 from wil_campaign.plugins.stl.stl_signals import (
     TWIN_DISTANCE_NAME,
-    FenceMargin,
-    PairDistance,
-    Signal,
-    motion_of,
+    FenceMarginSignal,
+    PairDistanceSignal,
+    StlSignal,
+    motion_needs_of,
     reports_of,
     signal_docs,
     signals_of,
 )
-from wil_campaign.plugins.stl.stl_trace import Trace
+from wil_campaign.plugins.stl.stl_trace import StlTrace
 from wil_campaign.plugins.stl.units import SignalKind, has_several_units, require_sound, unit_text
 from wil_campaign.safety.model.oracle_results import OracleResult
 from wil_campaign.safety.model.samples import (
@@ -60,14 +65,14 @@ from wil_campaign.safety.oracles.oracle import (
     Oracle,
     OracleContext,
     OracleError,
+    OracleTerms,
     OwnKey,
     SignalLimit,
-    Terms,
     Windowed,
     oracle,
 )
-from wil_campaign.safety.oracles.oracle_terms import ON_GOAL, Stages
-from wil_campaign.worlds.figures import distinct_text
+from wil_campaign.safety.oracles.oracle_terms import ON_GOAL, StageTracker
+from wil_campaign.worlds.figures import distinct_value_text
 
 
 def limits_of_formula(part: Mapping[str, Data]) -> Iterator[SignalLimit]:
@@ -78,7 +83,7 @@ def limits_of_formula(part: Mapping[str, Data]) -> Iterator[SignalLimit]:
         return
     for comparison, from_s, until_s in _always(formula, 0.0, 0.0):
         measured, limit = limit_side(comparison)
-        if isinstance(measured, Name) and isinstance(limit, Number):
+        if isinstance(measured, SignalTerm) and isinstance(limit, ConstantTerm):
             is_left = measured is comparison.left
             yield SignalLimit(
                 signal=measured.name,
@@ -86,22 +91,22 @@ def limits_of_formula(part: Mapping[str, Data]) -> Iterator[SignalLimit]:
                 is_upper=(comparison.comparator in {"<=", "<"}) == is_left,
                 from_s=from_s,
                 until_s=until_s,
-                text=written(comparison),
+                text=written_atom(comparison),
             )
 
 
 def _always(
     formula: Formula, from_s: float, until_s: float | None
-) -> Iterator[tuple[Comparison, float, float | None]]:
+) -> Iterator[tuple[StlComparison, float, float | None]]:
     """Yield comparisons that must hold, with the interval in the window; None: to its end."""
     match formula:
-        case Comparison():
+        case StlComparison():
             yield formula, from_s, until_s
-        case Temporal("always", interval, inner):
+        case TemporalFormula("always", interval, inner):
             is_open = until_s is None or interval.until_s is None
             last_s = None if is_open else (until_s or 0.0) + (interval.until_s or 0.0)
             yield from _always(inner, from_s + interval.from_s, last_s)
-        case Junctor("and", left, right):
+        case JunctorFormula("and", left, right):
             yield from _always(left, from_s, until_s)
             yield from _always(right, from_s, until_s)
         case _:
@@ -109,7 +114,7 @@ def _always(
 
 
 @dataclass(frozen=True, slots=True)
-class Part:
+class DecidingPart:
     """The deciding part of a formula: a comparison or a boolean signal at the deciding sample.
 
     text: the condition that should hold, as formula text. margin: by how much it holds, negative
@@ -127,25 +132,25 @@ class Part:
         """Return the deciding part's violation as a sentence."""
         if self.actual is None or self.limit is None:
             return f"{self.text} is violated"
-        actual = distinct_text(self.actual, self.limit, digits=3)
+        actual = distinct_value_text(self.actual, self.limit, digits=3)
         values = f"{actual} {self.unit} against {self.limit:g} {self.unit}"
         return f"{self.text} is violated: {' '.join(values.split())}"
 
 
-def part_of(
-    by: Occurrence, index: int, signals: Mapping[str, Values], kinds: Mapping[str, SignalKind]
-) -> Part:
+def deciding_part_of(
+    by: AtomOccurrence, index: int, signals: Mapping[str, Values], kinds: Mapping[str, SignalKind]
+) -> DecidingPart:
     """Return the part of a formula that decides at a sample."""
     atom = by.atom
-    text = written(atom, positive=by.positive)
-    if not isinstance(atom, Comparison):
-        return Part(text)
+    text = written_atom(atom, positive=by.positive)
+    if not isinstance(atom, StlComparison):
+        return DecidingPart(text)
     measured, limit = limit_side(atom)
-    margin = _at(difference_of(atom, signals), index)
-    return Part(
+    margin = _at(comparison_margin(atom, signals), index)
+    return DecidingPart(
         text=text,
-        actual=_at(value_of(measured, signals), index),
-        limit=_at(value_of(limit, signals), index),
+        actual=_at(value_of_term(measured, signals), index),
+        limit=_at(value_of_term(limit, signals), index),
         unit=unit_of_either(measured, limit, kinds),
         # Adding 0 turns -0 into 0.
         margin=(margin if by.positive else -margin) + 0.0,
@@ -173,7 +178,7 @@ class StlParameters(Windowed):
     ]
 
 
-class Stl(Oracle):
+class StlOracle(Oracle):
     """The oracle of an STL formula from the stage that opens its window on.
 
     actual, limit, unit, margin, at_s: of the comparison that decides; a margin of 0 of a strict
@@ -182,18 +187,18 @@ class Stl(Oracle):
 
     is_certain: ClassVar[bool] = True
 
-    def __init__(self, terms: Terms, *, text: str, context: OracleContext) -> None:
+    def __init__(self, terms: OracleTerms, *, text: str, context: OracleContext) -> None:
         super().__init__(terms)
         self._formula, self._signals = _read_formula(terms, text, context, self.stages)
         self._kinds = {name: signal.kind for name, signal in self._signals.items()}
-        names = tuple(dict.fromkeys(name.name for name in names_of(self._formula)))
+        names = tuple(dict.fromkeys(name.name for name in signal_names_of(self._formula)))
         self._used = {name: self._signals[name] for name in names}
         self.reports = reports_of(names)
-        self.motion = motion_of(names)
-        self._trace = Trace(names)
+        self.motion = motion_needs_of(names)
+        self._trace = StlTrace(names)
         mixed = has_several_units(self._formula, self._kinds)
         self._monitor = StlMonitor(self._formula, mixed=mixed)
-        self._pair_distance = PairDistance()
+        self._pair_distance = PairDistanceSignal()
         self._judged: PoseSample | None = None
         self._last_sample_s: float | None = None
         self._next_check_s = 0.0
@@ -262,7 +267,7 @@ class Stl(Oracle):
     def on_fence(self, sample: FenceSample) -> Flags:
         """Record the vehicle's changed fence for the STL formula."""
         for signal in self._used.values():
-            if sample.vehicle == self.vehicle and isinstance(signal.of_pose, FenceMargin):
+            if sample.vehicle == self.vehicle and isinstance(signal.of_pose, FenceMarginSignal):
                 signal.of_pose.fence = sample.fence
         return NO_FLAGS
 
@@ -274,23 +279,25 @@ class Stl(Oracle):
         self._next_check_s = t_s + _CHECK_EVERY_S
         times_s, values = self._trace.times_s, self._trace.values()
         best = self._at_best(times_s, values)
-        if isinstance(best, Unevaluable) or best.holds:
+        if isinstance(best, UnevaluableFormula) or best.holds:
             return NO_FLAGS
         self._flagged = True
         text = f"{self.vehicle}: {self.name} cannot be satisfied any more"
         if best.decided_by is not None:
-            text += f": {part_of(best.decided_by, best.index, values, self._kinds).violation}"
+            text += (
+                f": {deciding_part_of(best.decided_by, best.index, values, self._kinds).violation}"
+            )
         return self.flag(t_s, text)
 
     def result(self, t_s: float) -> OracleResult:
         """Return the STL formula's robustness over the recorded window."""
         found = self.evaluated(t_s)
-        if isinstance(found, Unevaluable):
+        if isinstance(found, UnevaluableFormula):
             return self.invalid(str(found), at_s=found.at_s)
         if found.decided_by is None:
             return self.verdict(passed=found.holds)
         times_s, values = self._trace.times_s, self._trace.values()
-        part = part_of(found.decided_by, found.index, values, self._kinds)
+        part = deciding_part_of(found.decided_by, found.index, values, self._kinds)
         # A failure has the time from which on it was certain, not that of the deciding sample.
         at_s = times_s[found.index] if found.holds else self._monitor.lost_s(times_s, values)
         return self.verdict(
@@ -321,11 +328,11 @@ class Stl(Oracle):
         values = self._trace.values()
         is_over = self.stages.end_s is not None
         found = self.evaluated(t_s) if is_over else self._at_best(times_s, values)
-        if isinstance(found, Unevaluable):
+        if isinstance(found, UnevaluableFormula):
             return self.invalid(str(found), at_s=found.at_s)
         if found.decided_by is None:
             return self.verdict(passed=found.holds, detail="decided at the end")
-        part = part_of(found.decided_by, found.index, values, self._kinds)
+        part = deciding_part_of(found.decided_by, found.index, values, self._kinds)
         return self.verdict(
             passed=found.holds,
             actual=part.actual,
@@ -338,24 +345,26 @@ class Stl(Oracle):
 
     def _at_best(
         self, times_s: Sequence[float], values: Mapping[str, Values]
-    ) -> Robustness | Unevaluable:
+    ) -> FormulaRobustness | UnevaluableFormula:
         """Return the best that the formula can still reach.
 
         A sample of a time before now may come yet: nothing is known after the last one.
         """
         return self._monitor.at_best(times_s, values, times_s[-1] + 1e-9)
 
-    def evaluated(self, t_s: float) -> Robustness | Unevaluable:
+    def evaluated(self, t_s: float) -> FormulaRobustness | UnevaluableFormula:
         """Return the STL robustness as of t_s, or why it cannot be evaluated."""
         if not self._trace.times_s:
-            return Unevaluable("the formula", None, "was not evaluated: its window never began")
+            return UnevaluableFormula(
+                "the formula", None, "was not evaluated: its window never began"
+            )
         end_s = self.stages.end_s if self.stages.end_s is not None else t_s
         begin_s = self._trace.times_s[0]
         for atom, needed_s in first_needed_s(self._formula):
             if begin_s + needed_s > end_s:
                 # Its last value would decide for a time that was not observed.
                 reason = f"is needed from {begin_s + needed_s:.3f} s on, and its window ended"
-                return Unevaluable(written(atom), end_s, reason)
+                return UnevaluableFormula(written_atom(atom), end_s, reason)
         return self._monitor.robustness(self._trace.times_s, self._trace.values(), end_s)
 
     def _add_row(self, t_s: float) -> None:
@@ -369,8 +378,8 @@ class Stl(Oracle):
 
 
 def _read_formula(
-    terms: Terms, text: str, context: OracleContext, stages: Stages
-) -> tuple[Formula, dict[str, Signal]]:
+    terms: OracleTerms, text: str, context: OracleContext, stages: StageTracker
+) -> tuple[Formula, dict[str, StlSignal]]:
     """Return the STL formula and its signals. Raises OracleError."""
     signals = signals_of(context, stages)
     try:
@@ -389,7 +398,7 @@ def _read_formula(
 def _of_both(parameters: StlParameters) -> bool:
     """Return whether an STL formula uses the distance between both vehicles."""
     try:
-        names = names_of(parse_stl(parameters.stl))
+        names = signal_names_of(parse_stl(parameters.stl))
     except StlError:
         return False
     return any(name.name == TWIN_DISTANCE_NAME for name in names)
@@ -413,6 +422,6 @@ def _named_objects(parameters: StlParameters, objects: Collection[str]) -> Itera
     without_world=lambda given: ("any thing", *re.findall(r"\bdistance_(\w+)_m\b", given.stl)),
     signals=lambda: {name: (kind.unit, kind.meaning) for name, kind in signal_docs().items()},
 )
-def stl(terms: Terms, parameters: StlParameters, context: OracleContext) -> Oracle:
+def stl(terms: OracleTerms, parameters: StlParameters, context: OracleContext) -> Oracle:
     """Return the oracle of an STL formula. Raises OracleError with the place of a mistake."""
-    return Stl(terms, text=parameters.stl, context=context)
+    return StlOracle(terms, text=parameters.stl, context=context)

@@ -11,8 +11,8 @@ from wil_campaign.safety.fence.geofence import Fence
 from wil_campaign.safety.model import signals
 from wil_campaign.safety.model.samples import PoseSample, ReferenceSample, StateSample
 from wil_campaign.safety.oracles.autopilot_health import ModeName
-from wil_campaign.safety.oracles.contact import Limits
-from wil_campaign.safety.oracles.oracle import MotionName, OracleContext, Probe, Stages
+from wil_campaign.safety.oracles.contact import ContactLimits
+from wil_campaign.safety.oracles.oracle import MotionName, OracleContext, StageTracker, WorldProbe
 from wil_campaign.safety.oracles.pair import extrapolated_ned_m
 from wil_campaign.vehicles.driver.vehicle_state import ReportName
 from wil_campaign.worlds.frames import heading_of, norm, subtract
@@ -27,14 +27,14 @@ OfReference = Callable[[PoseSample, ReferenceSample], float | None]
 
 
 @dataclass(frozen=True, slots=True)
-class Signal:
+class StlSignal:
     """An STL signal of one vehicle in one run: its kind, and how a sample gives its value."""
 
     kind: SignalKind
     of_pose: OfPose | None = None
     of_state: OfState | None = None
     of_both: bool = False
-    """Whether the other vehicle's poses are needed too: `PairDistance` computes it."""
+    """Whether the other vehicle's poses are needed too: `PairDistanceSignal` computes it."""
     of_reference: OfReference | None = None
     of_silence: bool = False
     """Whether it is the time since something was last received from the vehicle."""
@@ -163,35 +163,35 @@ def reports_of(names: Iterable[str]) -> frozenset[ReportName]:
     return frozenset(_REPORTS.get(name, "heartbeat") for name in names if name in _OF_STATE)
 
 
-def motion_of(names: Iterable[str]) -> frozenset[MotionName]:
+def motion_needs_of(names: Iterable[str]) -> frozenset[MotionName]:
     """Return what the STL signals need of a pose besides the position."""
     return frozenset(_MOTION[name] for name in names if name in _MOTION)
 
 
-def signals_of(context: OracleContext, stages: Stages) -> dict[str, Signal]:
+def signals_of(context: OracleContext, stages: StageTracker) -> dict[str, StlSignal]:
     """Return the STL signals of one vehicle in one run. stages: of the oracle."""
-    found = {name: Signal(kind, of_pose=of) for name, (kind, of) in _OF_POSE.items()}
-    found |= {name: Signal(kind, of_state=of) for name, (kind, of) in _OF_STATE.items()}
+    found = {name: StlSignal(kind, of_pose=of) for name, (kind, of) in _OF_POSE.items()}
+    found |= {name: StlSignal(kind, of_state=of) for name, (kind, of) in _OF_STATE.items()}
     found |= {
-        name: Signal(kind, of_reference=partial(_estimate_error, context.pose_source, of))
+        name: StlSignal(kind, of_reference=partial(_estimate_error, context.pose_source, of))
         for name, (kind, of) in _OF_ESTIMATE.items()
     }
-    found["silence_s"] = Signal(SILENCE, of_silence=True)
+    found["silence_s"] = StlSignal(SILENCE, of_silence=True)
     if (probe_of := context.probe_of) is not None and context.things:
-        found["clearance_m"] = Signal(CLEARANCE, of_pose=_Nearest(context, stages))
+        found["clearance_m"] = StlSignal(CLEARANCE, of_pose=_Nearest(context, stages))
         for thing in context.things:
             name = signals.distance_name(thing)
             of_pose = _Distance(thing, probe_of, context.events)
-            found[name] = Signal(THING_DISTANCE, of_pose=of_pose)
+            found[name] = StlSignal(THING_DISTANCE, of_pose=of_pose)
     if context.fence is not None:
-        found["fence_margin_m"] = Signal(FENCE_MARGIN, of_pose=FenceMargin(context.fence))
+        found["fence_margin_m"] = StlSignal(FENCE_MARGIN, of_pose=FenceMarginSignal(context.fence))
     if context.target_ned_m is not None:
         target = context.target_ned_m
-        found["goal_distance_m"] = Signal(
+        found["goal_distance_m"] = StlSignal(
             GOAL_DISTANCE, of_pose=lambda s: norm(subtract(s.pose.position_ned_m, target))
         )
     if context.mode == "wil":
-        found[TWIN_DISTANCE_NAME] = Signal(TWIN_DISTANCE, of_both=True)
+        found[TWIN_DISTANCE_NAME] = StlSignal(TWIN_DISTANCE, of_both=True)
     return found
 
 
@@ -208,7 +208,7 @@ def _estimate_error(
     return of(judged, other) if abs(judged.t_s - other.t_s) <= _COMPARED_WITHIN_S else None
 
 
-class FenceMargin:
+class FenceMarginSignal:
     """The STL signal of the distance to the fence that applies now."""
 
     def __init__(self, fence: Fence) -> None:
@@ -223,10 +223,10 @@ class _Distance:
     """The STL signal of the distance to one object at each pose."""
 
     def __init__(
-        self, thing: str, probe_of: Callable[[str], Probe], events: Mapping[str, float]
+        self, thing: str, probe_of: Callable[[str], WorldProbe], events: Mapping[str, float]
     ) -> None:
         self._thing, self._probe_of, self._events = thing, probe_of, events
-        self._probe: Probe | None = None
+        self._probe: WorldProbe | None = None
 
     def __call__(self, sample: PoseSample) -> float:
         if self._probe is None:
@@ -238,9 +238,9 @@ class _Distance:
 class _Nearest:
     """The STL signal of the least clearance to any object since the last pose."""
 
-    def __init__(self, context: OracleContext, stages: Stages) -> None:
+    def __init__(self, context: OracleContext, stages: StageTracker) -> None:
         self._context, self._stages = context, stages
-        self._probes: tuple[Probe, ...] = ()
+        self._probes: tuple[WorldProbe, ...] = ()
         self._last: PoseSample | None = None
 
     def __call__(self, sample: PoseSample) -> float:
@@ -248,7 +248,7 @@ class _Nearest:
         if not self._probes and context.probe_of is not None:
             self._probes = tuple(context.probe_of(thing) for thing in context.things)
         last, self._last = self._last or sample, sample
-        limits = Limits()
+        limits = ContactLimits()
         limits.below_m, limits.floors_ignored = _FARTHEST_M, self._stages.near_ground_at(sample.t_s)
         for probe in self._probes:
             swept = probe.sweep(
@@ -258,7 +258,7 @@ class _Nearest:
         return max(0.0, limits.below_m)
 
 
-class PairDistance:
+class PairDistanceSignal:
     """The STL signal of the distance between real and twin, the older pose extrapolated."""
 
     def __init__(self) -> None:

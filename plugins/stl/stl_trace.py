@@ -13,7 +13,7 @@ _LATE_S = 1e-6
 """How long after the last row a sample counts that is older than that row."""
 
 
-class Trace:
+class StlTrace:
     """The recorded STL signals over time: a row whenever one of them has a new value.
 
     A signal is NaN in the rows before its first value, and while it is reported as unknown.

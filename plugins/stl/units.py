@@ -5,18 +5,18 @@ import operator as arithmetic
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 
-from wil_campaign.foundation.files.problems import closest
+from wil_campaign.foundation.files.problems import closest_word
 from wil_campaign.plugins.stl.formula import (
-    Absolute,
-    Calculation,
-    Comparison,
+    AbsoluteTerm,
+    BooleanAtom,
+    CalculationTerm,
+    ConstantTerm,
     Formula,
-    Holds,
-    Name,
-    Number,
+    SignalTerm,
+    StlComparison,
     StlError,
     Term,
-    children,
+    formula_children,
 )
 from wil_campaign.plugins.stl.parser import NO_STATEMENT
 
@@ -42,17 +42,17 @@ class SignalKind:
 
 def require_sound(formula: Formula, signals: Mapping[str, SignalKind]) -> None:
     """Raise StlError for an unknown signal, units that do not fit, or a side that is not finite."""
-    if isinstance(formula, Comparison):
+    if isinstance(formula, StlComparison):
         left, right = _dimension(formula.left, signals), _dimension(formula.right, signals)
         if None not in {_constant(formula.left), _constant(formula.right)}:
             raise StlError("compares two numbers: name a signal", formula.at)
         _require_same(left, right, formula.at, "compared with")
         return
-    if isinstance(formula, Holds):
+    if isinstance(formula, BooleanAtom):
         if _kind(formula.name, signals).unit:
             raise StlError(NO_STATEMENT, formula.at)
         return
-    for child in children(formula):
+    for child in formula_children(formula):
         if isinstance(child, Formula):
             require_sound(child, signals)
 
@@ -68,10 +68,10 @@ def has_several_units(formula: Formula, signals: Mapping[str, SignalKind]) -> bo
 
 
 def _units(formula: Formula, signals: Mapping[str, SignalKind]) -> Iterator[str]:
-    if isinstance(formula, Comparison):
+    if isinstance(formula, StlComparison):
         yield unit_text(formula.left, signals) or unit_text(formula.right, signals)
         return
-    for child in children(formula):
+    for child in formula_children(formula):
         if isinstance(child, Formula):
             yield from _units(child, signals)
 
@@ -79,9 +79,9 @@ def _units(formula: Formula, signals: Mapping[str, SignalKind]) -> Iterator[str]
 def _dimension(term: Term, signals: Mapping[str, SignalKind]) -> Dimension | None:
     """Return the dimension of a term by its units; None for a bare number."""
     match term:
-        case Number():
+        case ConstantTerm():
             return None
-        case Name():
+        case SignalTerm():
             unit = _kind(term, signals).unit
             if not unit:
                 message = (
@@ -89,9 +89,9 @@ def _dimension(term: Term, signals: Mapping[str, SignalKind]) -> Dimension | Non
                 )
                 raise StlError(message, term.at)
             return _parse_unit(unit)
-        case Absolute(inner):
+        case AbsoluteTerm(inner):
             return _dimension(inner, signals)
-        case Calculation(operator, left_term, right_term, at):
+        case CalculationTerm(operator, left_term, right_term, at):
             left, right = _dimension(left_term, signals), _dimension(right_term, signals)
             if operator in {"+", "-"}:
                 _require_same(left, right, at, "added to" if operator == "+" else "subtracted from")
@@ -107,14 +107,14 @@ def _constant(term: Term) -> float | None:
     Raises StlError where it has no finite value.
     """
     match term:
-        case Number(value):
+        case ConstantTerm(value):
             return value
-        case Name():
+        case SignalTerm():
             return None
-        case Absolute(inner):
+        case AbsoluteTerm(inner):
             value_inside = _constant(inner)
             return None if value_inside is None else abs(value_inside)
-        case Calculation(operator, left_term, right_term, at):
+        case CalculationTerm(operator, left_term, right_term, at):
             left, right = _constant(left_term), _constant(right_term)
             if operator == "/" and right == 0.0:
                 raise StlError("divides by 0, so it has no value", at)
@@ -128,11 +128,11 @@ def _constant(term: Term) -> float | None:
             return found
 
 
-def _kind(name: Name, signals: Mapping[str, SignalKind]) -> SignalKind:
+def _kind(name: SignalTerm, signals: Mapping[str, SignalKind]) -> SignalKind:
     """Return a signal's kind with its unit. Raises StlError for an unknown signal."""
     kind = signals.get(name.name)
     if kind is None:
-        meant = closest(name.name, signals)
+        meant = closest_word(name.name, signals)
         known = "" if meant else f" (there are: {', '.join(sorted(signals))})"
         raise StlError(f"unknown signal '{name.name}'{known}", name.at, meant)
     return kind

@@ -6,7 +6,7 @@ import math
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 
-from wil_campaign.foundation.tasks import start, stop
+from wil_campaign.foundation.tasks import start_task, stop_tasks
 from wil_campaign.vehicles.links.link import LinkError
 
 _log = logging.getLogger(__name__)
@@ -76,7 +76,7 @@ class Reconnection:
                 _STEADY_S,
             )
         if self._reconnect is not None:
-            self._task = start(self._retry(self._reconnect), name=f"{self._name}: reconnect")
+            self._task = start_task(self._retry(self._reconnect), name=f"{self._name}: reconnect")
 
     def back(self) -> None:
         """Note that the link is connected again."""
@@ -97,7 +97,7 @@ class Reconnection:
         self._lost_s = None
         self._cancel_steady()
         if task is not None:
-            await stop(task)
+            await stop_tasks(task)
 
     def _on_steady(self) -> None:
         _log.warning("%s: back, and steady; it was lost %d times", self._name, self._unsteady)

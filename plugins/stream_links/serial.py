@@ -6,7 +6,7 @@ import os
 from typing import Self
 
 from wil_campaign.plugins.stream_links.reconnection import BackOff, Reconnection
-from wil_campaign.plugins.stream_links.serial_port import open_port, remedy
+from wil_campaign.plugins.stream_links.serial_port import open_serial_port, serial_port_remedy
 from wil_campaign.vehicles.links.link import LinkError, ReceivingLink
 from wil_campaign.vehicles.links.link_factory import LinkRequest
 from wil_campaign.vehicles.links.link_strings import LinkAddress
@@ -74,9 +74,9 @@ class SerialLink(ReceivingLink):
     def _open(self, loop: asyncio.AbstractEventLoop) -> None:
         device, baud = self._address.device, self._address.baud
         try:
-            self._port = open_port(device, baud)
+            self._port = open_serial_port(device, baud)
         except OSError as error:
-            raise LinkError(f"{self.name}: {remedy(error, device, baud)}") from error
+            raise LinkError(f"{self.name}: {serial_port_remedy(error, device, baud)}") from error
         self._waiting.clear()
         loop.add_reader(self._port, self._read)
 

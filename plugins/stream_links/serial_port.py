@@ -17,7 +17,7 @@ _TERMIOS2 = struct.Struct("4IB19s2I")
 _USUAL_NAMES = ("ttyACM*", "ttyUSB*", "ttyAMA*", "cu.usb*")
 
 
-def open_port(device: str, baud: int) -> int:
+def open_serial_port(device: str, baud: int) -> int:
     """Return the descriptor of a serial port: raw, 8N1, not blocking, exclusive.
 
     Raises OSError; `remedy` gives its message.
@@ -39,21 +39,21 @@ def open_port(device: str, baud: int) -> int:
     return port
 
 
-def ports() -> tuple[str, ...]:
+def likely_serial_ports() -> tuple[str, ...]:
     """Return the serial ports that look like an autopilot's or a radio's."""
     return tuple(sorted(str(path) for name in _USUAL_NAMES for path in Path("/dev").glob(name)))
 
 
-def remedy(error: OSError, device: str, baud: int) -> str:
+def serial_port_remedy(error: OSError, device: str, baud: int) -> str:
     """Return in words why a serial port could not be opened, and what to do."""
     match error.errno:
         case errno.ENOENT | errno.ENODEV | errno.ENXIO:
-            there = ", ".join(ports())
+            there = ", ".join(likely_serial_ports())
             return f"there is no {device}; " + (
                 f"the serial ports are: {there}" if there else "no serial device is connected"
             )
         case errno.EACCES | errno.EPERM:
-            group = group_of(device)
+            group = serial_port_group(device)
             return (
                 f"no permission for {device}; add yourself to its group ('sudo usermod -aG "
                 f"{group} $USER') and log in again"
@@ -94,7 +94,7 @@ def _set_unnamed_speed(port: int, baud: int) -> None:
     fcntl.ioctl(port, _TCSETS2, _TERMIOS2.pack(*fields))
 
 
-def group_of(device: str) -> str:
+def serial_port_group(device: str) -> str:
     """Return the group that may open a serial port."""
     try:
         found = Path(device).stat()

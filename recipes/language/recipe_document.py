@@ -10,34 +10,40 @@ from wil_campaign.foundation.files.documents import (
     Data,
     Document,
     KeyFaultError,
-    Later,
+    LaterType,
     Part,
     Path,
     Problem,
-    check,
-    closest,
+    check_document,
+    closest_word,
 )
 from wil_campaign.hooks import recipe_steps
-from wil_campaign.installed_plugins import absent
-from wil_campaign.recipes.model.recipe import Budget, Combination, Recipe, Sensor, Step
+from wil_campaign.installed_plugins import absent_additions
+from wil_campaign.recipes.model.recipe import (
+    Combination,
+    MixingBudget,
+    Recipe,
+    RecipeSensor,
+    StepUse,
+)
 from wil_campaign.recipes.model.registry import (
     STAGES,
     Stage,
     StepParameters,
     StepType,
-    find,
-    resembling,
-    steps,
+    find_step,
+    registered_steps,
+    resembling_step,
 )
 from wil_campaign.recipes.operations.step_parameters import IMAGE_SENSORS
 from wil_campaign.recipes.working import SIDES, Side
-from wil_campaign.vehicles.readings.kinds import one_of_names
+from wil_campaign.vehicles.readings.kinds import sensor_name_type
 
 MAX_SKEW_MS = 100.0
 """Default limit of the skew, so that an overlay is never held for ever."""
 
 
-SensorType = Annotated[str, Later(one_of_names)]
+SensorType = Annotated[str, LaterType(sensor_name_type)]
 
 
 class SensorPart(Part):
@@ -124,11 +130,11 @@ def load_recipe(document: Document, *, loads_code: bool = True) -> Recipe:
     reader = _Reader(document, loads_code=loads_code)
     parsed = [reader.steps_of(index) for index in range(reader.combination_count())]
     try:
-        part = check(document, RecipePart)
+        part = check_document(document, RecipePart)
     except BadInput as error:
         raise BadInput(_in_order([*error.problems, *reader.problems])) from None
     sensors = tuple(
-        Sensor(name, sensor.type, sensor.rate_hz, sensor.real_type, sensor.twin_type)
+        RecipeSensor(name, sensor.type, sensor.rate_hz, sensor.real_type, sensor.twin_type)
         for name, sensor in part.sensors.items()
     )
     _check_sensors(reader, part, sensors, parsed)
@@ -147,14 +153,14 @@ def load_recipe(document: Document, *, loads_code: bool = True) -> Recipe:
 
 
 def _combination(
-    part: CombinePart, path: Path, sensors: tuple[Sensor, ...], found: list[Step]
+    part: CombinePart, path: Path, sensors: tuple[RecipeSensor, ...], found: list[StepUse]
 ) -> Combination:
     return Combination(
         sensor=next(sensor for sensor in sensors if sensor.name == part.sensor),
         steps=tuple(step for step in found if step.kind.stage != "merge"),
         merge=next(step for step in found if step.kind.stage == "merge"),
         publish=tuple(part.publish),
-        budget=Budget(
+        budget=MixingBudget(
             max_skew_s=part.max_skew_ms / 1000.0,
             max_latency_s=None if part.max_latency_ms is None else part.max_latency_ms / 1000.0,
             min_rate_hz=part.min_rate_hz,
@@ -171,7 +177,10 @@ def _in_order(problems: list[Problem]) -> list[Problem]:
 
 
 def _check_sensors(
-    reader: "_Reader", part: RecipePart, sensors: tuple[Sensor, ...], parsed: list[list[Step]]
+    reader: "_Reader",
+    part: RecipePart,
+    sensors: tuple[RecipeSensor, ...],
+    parsed: list[list[StepUse]],
 ) -> None:
     """Note undeclared sensors of a recipe document, and steps that cannot handle their types."""
     known = {sensor.name: sensor for sensor in sensors}
@@ -179,7 +188,7 @@ def _check_sensors(
         sensor = known.get(combine.sensor)
         if sensor is None:
             message = f"no sensor '{combine.sensor}' is declared under 'sensors'"
-            reader.note(("combine", index, "sensor"), message, closest(combine.sensor, known))
+            reader.note(("combine", index, "sensor"), message, closest_word(combine.sensor, known))
         else:
             _check_kinds(reader, sensor, found)
         if (
@@ -193,7 +202,7 @@ def _check_sensors(
             reader.note(("combine", index, "max_registration_error_px"), message, key=True)
 
 
-def _check_kinds(reader: "_Reader", sensor: Sensor, found: list[Step]) -> None:
+def _check_kinds(reader: "_Reader", sensor: RecipeSensor, found: list[StepUse]) -> None:
     """Follow each side's sensor type through the recipe's steps; refuse a step that cannot."""
     kinds: dict[Side, str] = {side: sensor.kind_of(side) for side in SIDES}
     for step in found:
@@ -211,7 +220,7 @@ def _check_kinds(reader: "_Reader", sensor: Sensor, found: list[Step]) -> None:
             kinds[side] = step.kind.gives.get(kinds[side], kinds[side])
 
 
-def _refusal(step: Step, kind: str) -> str:
+def _refusal(step: StepUse, kind: str) -> str:
     """Return why a recipe's step does not work on a sensor type; "" when it does."""
     if kind not in step.kind.sensors:
         works = " and ".join(step.kind.sensors)
@@ -219,7 +228,9 @@ def _refusal(step: Step, kind: str) -> str:
     return step.parameters.refuses(kind)
 
 
-def _check_merged(reader: "_Reader", sensor: Sensor, kinds: dict[Side, str], merge: Step) -> None:
+def _check_merged(
+    reader: "_Reader", sensor: RecipeSensor, kinds: dict[Side, str], merge: StepUse
+) -> None:
     """Note a side of a recipe's combination that reaches the merge as another sensor type."""
     for side in SIDES:
         if kinds[side] != sensor.kind:
@@ -259,9 +270,9 @@ class _Reader:
         combinations = self.document.get(("combine",))
         return len(combinations) if isinstance(combinations, list) else 0
 
-    def steps_of(self, index: int) -> list[Step]:
+    def steps_of(self, index: int) -> list[StepUse]:
         """Return the steps of a combination in the recipe document, in order of application."""
-        found: list[Step] = []
+        found: list[StepUse] = []
         for stage in STAGES:
             at: Path = ("combine", index, stage)
             given = self.document.get(at)
@@ -274,7 +285,7 @@ class _Reader:
         self._refuse_late_timing(found)
         return found
 
-    def _refuse_late_timing(self, found: list[Step]) -> None:
+    def _refuse_late_timing(self, found: list[StepUse]) -> None:
         changed: dict[Side, str] = {}
         for step in found:
             if step.kind.name == "register" or step.kind.stage == "merge":
@@ -290,21 +301,21 @@ class _Reader:
                     self.note(step.path, message, key=True)
                     break
 
-    def _refuse_second_register(self, found: list[Step]) -> None:
+    def _refuse_second_register(self, found: list[StepUse]) -> None:
         """Refuse a second `register` step of a recipe's side."""
         for second in [step for step in found if step.kind.name == "register"][1:]:
             self.note(second.path, "a second 'register'; a combination has one", key=True)
 
-    def _step(self, at: Path, given: Data, stage: Stage) -> list[Step]:
+    def _step(self, at: Path, given: Data, stage: Stage) -> list[StepUse]:
         """Return the steps at a path of the recipe document; none when something is wrong."""
         if isinstance(given, str):
             kind = self._kind(at, given, stage)
             return self._bare(at, kind) if kind is not None else []
         if isinstance(given, dict) and "use" in given:
-            own = find("use", stage)
+            own = find_step("use", stage)
             return self._step_with_parameters(own, at, shorthand=False) if own is not None else []
         if not isinstance(given, dict) or len(given) != 1:
-            example = next(kind.name for kind in steps() if kind.stage == stage)
+            example = next(kind.name for kind in registered_steps() if kind.stage == stage)
             self.note(at, f"a step is a name, or one mapping {{{example}: parameters}}")
             return []
         ((name, value),) = given.items()
@@ -313,20 +324,20 @@ class _Reader:
             return []
         return self._step_with_parameters(kind, (*at, name), shorthand=not isinstance(value, dict))
 
-    def _step_with_parameters(self, kind: StepType, at: Path, *, shorthand: bool) -> list[Step]:
+    def _step_with_parameters(self, kind: StepType, at: Path, *, shorthand: bool) -> list[StepUse]:
         """Return the recipe's step with the parameters at a path; none when they are wrong."""
         try:
-            parameters = check(self.document, kind.parameters, at)
+            parameters = check_document(self.document, kind.parameters, at)
         except BadInput as error:
             self.problems += error.problems
             return []
-        step = Step(kind, parameters, at, shorthand)
+        step = StepUse(kind, parameters, at, shorthand)
         is_checked = self.loads_code or not parameters.reference()
         for fault in parameters.faults(self.document.path.parent) if is_checked else ():
             self.note(step.place_of(fault.path), fault.message, fault.suggestion)
         return [step]
 
-    def _bare(self, at: Path, kind: StepType) -> list[Step]:
+    def _bare(self, at: Path, kind: StepType) -> list[StepUse]:
         """Return a recipe's step that is named without parameters; none when it needs some."""
         try:
             parameters: StepParameters = kind.parameters()
@@ -334,17 +345,17 @@ class _Reader:
             known = ", ".join(kind.parameters.model_fields)
             self.note(at, f"step '{kind.name}' needs parameters ({known})")
             return []
-        return [Step(kind, parameters, at)]
+        return [StepUse(kind, parameters, at)]
 
     def _kind(self, at: Path, name: str, stage: Stage) -> StepType | None:
         """Return the step type of a name in the recipe document; an unknown name is noted."""
-        kind = find(name, stage)
-        if kind is None and (why := absent(recipe_steps).get(name)):
+        kind = find_step(name, stage)
+        if kind is None and (why := absent_additions(recipe_steps).get(name)):
             self.note(at, why, key=True)
             return None
         if kind is None:
-            meant = resembling(name, stage)
-            known = ", ".join(step.name for step in steps() if step.stage == stage)
+            meant = resembling_step(name, stage)
+            known = ", ".join(step.name for step in registered_steps() if step.stage == stage)
             hint = "" if meant else f" (known for {stage}: {known})"
             self.note(at, f"unknown step '{name}'{hint}", meant, key=True)
             return None

@@ -3,10 +3,16 @@
 from collections.abc import Callable
 from pathlib import Path
 
-from wil_campaign.foundation.files.documents import MAX_BYTES, BadInput, Document, Problem, load
+from wil_campaign.foundation.files.documents import (
+    MAX_BYTES,
+    BadInput,
+    Document,
+    Problem,
+    load_document,
+)
 from wil_campaign.hooks import recipe_formats
-from wil_campaign.installed_plugins import absent, added
-from wil_campaign.installed_plugins import load as load_name
+from wil_campaign.installed_plugins import absent_additions, plugin_additions
+from wil_campaign.installed_plugins import load_plugin_object as load_name
 from wil_campaign.recipes.language.recipe_document import load_recipe
 from wil_campaign.recipes.model.recipe import Recipe
 
@@ -17,10 +23,10 @@ def load_recipe_document(path: Path, name: str | None = None) -> Document:
     name: what to call it in messages; None: the path. Raises BadInput with every problem found.
     """
     suffix, called = path.suffix.lower(), str(path) if name is None else name
-    if why := absent(recipe_formats).get(suffix):
+    if why := absent_additions(recipe_formats).get(suffix):
         raise BadInput([Problem(called, 0, 0, why)])
-    if (recipe_format := added(recipe_formats).get(suffix)) is None:
-        return load(path, name)
+    if (recipe_format := plugin_additions(recipe_formats).get(suffix)) is None:
+        return load_document(path, name)
     try:
         with path.open("rb") as stream:
             content = stream.read(MAX_BYTES + 1)

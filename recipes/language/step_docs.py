@@ -15,7 +15,7 @@ _TYPES: dict[Any, str] = {float: "number", int: "whole number", bool: "true or f
 
 
 @dataclass(frozen=True, slots=True)
-class ParameterDoc:
+class StepParameterDoc:
     """A step parameter's documentation: key, accepted values, default ("" for none)."""
 
     name: str
@@ -34,7 +34,7 @@ class StepDoc:
     gives: str
     summary: str
     details: str
-    parameters: tuple[ParameterDoc, ...]
+    parameters: tuple[StepParameterDoc, ...]
     notes: str
 
 
@@ -58,11 +58,11 @@ def _join_words(text: str) -> str:
     return " ".join(text.split())
 
 
-def _parameter(name: str, field: FieldInfo) -> ParameterDoc:
+def _parameter(name: str, field: FieldInfo) -> StepParameterDoc:
     needed = field.is_required()
     default = field.get_default(call_default_factory=True, validated_data={})
     shown = "" if needed or default in (None, PydanticUndefined) else _show_value(default)
-    return ParameterDoc(name, _takes(field.annotation), shown, needed)
+    return StepParameterDoc(name, _takes(field.annotation), shown, needed)
 
 
 def _show_value(value: object) -> str:

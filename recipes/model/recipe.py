@@ -2,14 +2,14 @@
 
 from dataclasses import dataclass
 
-from wil_campaign.foundation.files.documents import Document, Path, Problem, closest
+from wil_campaign.foundation.files.documents import Document, Path, Problem, closest_word
 from wil_campaign.recipes.model.registry import StepParameters, StepType
 from wil_campaign.recipes.working import Side
 from wil_campaign.vehicles.readings.kinds import traits_named
 
 
 @dataclass(frozen=True, slots=True)
-class Step:
+class StepUse:
     """A step of a recipe with its parameters. path: of these in the document."""
 
     kind: StepType
@@ -28,7 +28,7 @@ class Step:
 
 
 @dataclass(frozen=True, slots=True)
-class Sensor:
+class RecipeSensor:
     """A sensor that a recipe declares.
 
     kind: type of the mixed readings. rate_hz: of these; None: the real's. real_kind, twin_kind:
@@ -47,7 +47,7 @@ class Sensor:
 
 
 @dataclass(frozen=True, slots=True)
-class Budget:
+class MixingBudget:
     """A recipe's mixing budget for a sensor: beyond it a run is INVALID; None: no limit.
 
     max_skew_s: between the two exposures. max_latency_s: from the older exposure to delivery.
@@ -69,11 +69,11 @@ class Combination:
     that the mixture has to show; None: all that it can. path: in the document.
     """
 
-    sensor: Sensor
-    steps: tuple[Step, ...]
-    merge: Step
+    sensor: RecipeSensor
+    steps: tuple[StepUse, ...]
+    merge: StepUse
     publish: tuple[Side, ...]
-    budget: Budget
+    budget: MixingBudget
     publish_raw: bool = False
     shows: tuple[str, ...] | None = None
     path: Path = ()
@@ -108,7 +108,7 @@ class Recipe:
     """A recipe file's combinations."""
 
     description: str
-    sensors: tuple[Sensor, ...]
+    sensors: tuple[RecipeSensor, ...]
     combinations: tuple[Combination, ...]
     document: Document
 
@@ -143,7 +143,9 @@ class Recipe:
     def unknown_objects(self, known: frozenset[str]) -> tuple[Problem, ...]:
         """Return a problem for each object that the recipe names and the world lacks."""
         return tuple(
-            self.document.problem(path, f"no object '{name}' in the world", closest(name, known))
+            self.document.problem(
+                path, f"no object '{name}' in the world", closest_word(name, known)
+            )
             for path, name in self.objects()
             if name not in known
         )

@@ -12,9 +12,9 @@ from typing import Any, ClassVar, Literal, TypeVar
 
 from pydantic import model_validator
 
-from wil_campaign.foundation.files.documents import Part, Path, closest
+from wil_campaign.foundation.files.documents import Part, Path, closest_word
 from wil_campaign.hooks import recipe_steps
-from wil_campaign.installed_plugins import loaded
+from wil_campaign.installed_plugins import loaded_additions
 from wil_campaign.recipes.working import Built, Need, Side
 from wil_campaign.vehicles.readings import sensor_names
 from wil_campaign.vehicles.readings.kinds import traits_named
@@ -103,7 +103,7 @@ class SidedParameters(StepParameters):
 
 
 @dataclass(frozen=True, slots=True)
-class Context:
+class StepContext:
     """The context in which a registered step is built when a recipe is compiled.
 
     object_ids: ids of the twin's world. folder: to which files in the recipe are relative. side:
@@ -129,7 +129,7 @@ class StepType:
     only: tuple[str, ...] | Callable[[ReadingTraits], bool]
     parameters: type[StepParameters]
     summary: str
-    build: Callable[[Any, Context], Built]
+    build: Callable[[Any, StepContext], Built]
     gives: Mapping[str, str] = field(default_factory=dict)
 
     @property
@@ -151,10 +151,10 @@ def step(
     sensors: tuple[str, ...] | Callable[[ReadingTraits], bool],
     parameters: type[P],
     gives: Mapping[str, str] | None = None,
-) -> Callable[[Callable[[P, Context], B]], StepType]:
+) -> Callable[[Callable[[P, StepContext], B]], StepType]:
     """Return a decorator that makes a function the step of this name (`StepType`)."""
 
-    def make(build: Callable[[P, Context], B]) -> StepType:
+    def make(build: Callable[[P, StepContext], B]) -> StepType:
         summary = (build.__doc__ or "").partition("\n")[0].strip()
         return StepType(name, stage, sensors, parameters, summary, build, dict(gives or {}))
 
@@ -162,24 +162,26 @@ def step(
 
 
 @cache
-def steps() -> tuple[StepType, ...]:
+def registered_steps() -> tuple[StepType, ...]:
     """Return all steps, by stage in the order of the method, then by name.
 
     Raises BadInput for a plugin that cannot be used.
     """
     found: list[StepType] = []
-    for kinds in loaded(recipe_steps, "step").values():
+    for kinds in loaded_additions(recipe_steps, "step").values():
         found += kinds if isinstance(kinds, tuple) else (kinds,)
     return tuple(sorted(found, key=lambda kind: (STAGES.index(kind.stage), kind.name)))
 
 
-def find(name: str, stage: Stage | None = None) -> StepType | None:
+def find_step(name: str, stage: Stage | None = None) -> StepType | None:
     """Return the registered step of a name, of that stage if several have it; None for no step."""
-    found = {kind.stage: kind for kind in steps() if kind.name == name}
+    found = {kind.stage: kind for kind in registered_steps() if kind.name == name}
     return found.get(stage) if stage in found else next(iter(found.values()), None)
 
 
-def resembling(name: str, stage: Stage) -> str:
+def resembling_step(name: str, stage: Stage) -> str:
     """Return the registered step that a misspelt name probably means, of this stage first."""
-    known = [kind.name for kind in steps() if kind.stage == stage]
-    return closest(name, known) or closest(name, [kind.name for kind in steps()])
+    known = [kind.name for kind in registered_steps() if kind.stage == stage]
+    return closest_word(name, known) or closest_word(
+        name, [kind.name for kind in registered_steps()]
+    )

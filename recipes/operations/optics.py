@@ -25,24 +25,24 @@ _OPTICAL_FROM_FRD = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]]
 """x right, y down, z forward, of forward, right, down."""
 
 
-def size_of(image: ImageReading) -> tuple[int, int]:
+def image_size_px(image: ImageReading) -> tuple[int, int]:
     """Return an image's (width, height) in pixels."""
     return image.intrinsics.width_px, image.intrinsics.height_px
 
 
-def resized(work: Masked[P], width_px: int, height_px: int) -> Masked[P]:
+def resized_image(work: Masked[P], width_px: int, height_px: int) -> Masked[P]:
     """Return an image reading scaled to a size in pixels, with its camera intrinsics.
 
     Colours are averaged over areas when both sides shrink, else interpolated linearly. Depth, ids
     and mask take the nearest pixel, as these have no meaningful mean.
     """
     reading = work.reading
-    across, down = size_of(reading)
+    across, down = image_size_px(reading)
     if (across, down) == (width_px, height_px):
         return work
     size = (width_px, height_px)
     intrinsics = scaled_intrinsics(reading.intrinsics, width_px, height_px)
-    ids, mask = nearest(reading.object_ids, size), nearest(work.mask, size)
+    ids, mask = scaled_to_nearest(reading.object_ids, size), scaled_to_nearest(work.mask, size)
     if isinstance(reading, DepthReading):
         depth_m = cv2.resize(reading.depth_m, size, interpolation=cv2.INTER_NEAREST_EXACT)
         made = replace(reading, depth_m=depth_m, intrinsics=intrinsics, object_ids=ids)
@@ -52,28 +52,28 @@ def resized(work: Masked[P], width_px: int, height_px: int) -> Masked[P]:
         reading,
         image_bgr=cv2.resize(reading.image_bgr, size, interpolation=kind),
         intrinsics=intrinsics,
-        depth_m=nearest(reading.depth_m, size),
+        depth_m=scaled_to_nearest(reading.depth_m, size),
         object_ids=ids,
     )
     return Masked(scaled, mask)
 
 
-def reframed(work: Masked[P], width_px: int, height_px: int, aspect: Aspect) -> Masked[P]:
+def reframed_image(work: Masked[P], width_px: int, height_px: int, aspect: Aspect) -> Masked[P]:
     """Return an image reading at a size of another aspect ratio: scaled, then cut or padded.
 
     fit: each axis by itself. crop: the size is filled, what is over is cut off at both edges. pad:
     the whole image between black bars, which are infinitely far and not kept.
     """
-    across, down = size_of(work.reading)
+    across, down = image_size_px(work.reading)
     ratios = width_px / across, height_px / down
     if aspect == "fit" or ratios[0] == ratios[1]:
-        return resized(work, width_px, height_px)
+        return resized_image(work, width_px, height_px)
     scale = max(ratios) if aspect == "crop" else min(ratios)
-    scaled = resized(work, max(1, round(across * scale)), max(1, round(down * scale)))
-    left_px = (size_of(scaled.reading)[0] - width_px) // 2
-    top_px = (size_of(scaled.reading)[1] - height_px) // 2
+    scaled = resized_image(work, max(1, round(across * scale)), max(1, round(down * scale)))
+    left_px = (image_size_px(scaled.reading)[0] - width_px) // 2
+    top_px = (image_size_px(scaled.reading)[1] - height_px) // 2
     if aspect == "crop":
-        return cropped(scaled, left_px, top_px, width_px, height_px)
+        return cropped_image(scaled, left_px, top_px, width_px, height_px)
     return _padded(scaled, -left_px, -top_px, width_px, height_px)
 
 
@@ -133,7 +133,7 @@ def scaled_intrinsics(intrinsics: Intrinsics, width_px: int, height_px: int) -> 
     )
 
 
-def nearest(plane: NDArray[Pixel] | None, size: tuple[int, int]) -> NDArray[Pixel] | None:
+def scaled_to_nearest(plane: NDArray[Pixel] | None, size: tuple[int, int]) -> NDArray[Pixel] | None:
     """Return an image plane scaled to (width, height) by the nearest pixel; None for None."""
     if plane is None:
         return None
@@ -141,7 +141,9 @@ def nearest(plane: NDArray[Pixel] | None, size: tuple[int, int]) -> NDArray[Pixe
     return scaled
 
 
-def cropped(work: Masked[P], left_px: int, top_px: int, width_px: int, height_px: int) -> Masked[P]:
+def cropped_image(
+    work: Masked[P], left_px: int, top_px: int, width_px: int, height_px: int
+) -> Masked[P]:
     """Return a crop of an image, sharing its memory; its camera's centre moves with it.
 
     Raises ValueError when the part does not lie within the image.
@@ -181,7 +183,7 @@ def cropped(work: Masked[P], left_px: int, top_px: int, width_px: int, height_px
 
 
 @dataclass(frozen=True, slots=True)
-class Remap:
+class ImageRemap:
     """An image remapping: the place of each new pixel in the old image, (height, width) float32.
 
     seen: (height, width) uint8, 255 where the old camera saw it. z_ratio: depth along the new
@@ -195,7 +197,7 @@ class Remap:
 
 
 @lru_cache(maxsize=8)
-def remap_between(old: Intrinsics, new: Intrinsics, turn: Quat = IDENTITY) -> Remap:
+def remap_between(old: Intrinsics, new: Intrinsics, turn: Quat = IDENTITY) -> ImageRemap:
     """Return the pixel map from one camera's image to another camera's at the same place.
 
     turn: attitude of the new camera in the old one's FRD frame. Each pixel of the new image is
@@ -227,7 +229,7 @@ def remap_between(old: Intrinsics, new: Intrinsics, turn: Quat = IDENTITY) -> Re
     )
     old_px[~inside] = -10.0
     shape = v.shape
-    return Remap(
+    return ImageRemap(
         np.ascontiguousarray(old_px[:, 0].reshape(shape), np.float32),
         np.ascontiguousarray(old_px[:, 1].reshape(shape), np.float32),
         np.where(inside, 255, 0).astype(np.uint8).reshape(shape),
@@ -293,7 +295,7 @@ def _is_reached(
     return np.asarray((missed_px < 0.5) & _invertible(rays, camera), np.bool_)
 
 
-def remapped(work: Masked[P], new: Intrinsics, turn: Quat = IDENTITY) -> Masked[P]:
+def remapped_image(work: Masked[P], new: Intrinsics, turn: Quat = IDENTITY) -> Masked[P]:
     """Return the image of a camera with other optics, turned by `turn`, from the same place.
 
     Pixels that the old camera did not see are black, infinitely far, and not kept. Colours are
@@ -319,7 +321,7 @@ def remapped(work: Masked[P], new: Intrinsics, turn: Quat = IDENTITY) -> Masked[
 
 
 def _move_pixels(
-    plane: NDArray[Pixel] | None, maps: Remap, outside: float
+    plane: NDArray[Pixel] | None, maps: ImageRemap, outside: float
 ) -> NDArray[Pixel] | None:
     """Return an image plane remapped to another camera; None for None."""
     if plane is None:
@@ -336,7 +338,7 @@ def _move_pixels(
     return found
 
 
-def _move_depth(depth_m: NDArray[np.float32], maps: Remap) -> NDArray[np.float32]:
+def _move_depth(depth_m: NDArray[np.float32], maps: ImageRemap) -> NDArray[np.float32]:
     """Return a depth image remapped to another camera, along its own optical axis."""
     moved = _move_pixels(depth_m, maps, np.inf)
     assert moved is not None  # noqa: S101 - only None gives None
@@ -345,7 +347,7 @@ def _move_depth(depth_m: NDArray[np.float32], maps: Remap) -> NDArray[np.float32
     return moved
 
 
-def disagreement_px(a: Intrinsics, b: Intrinsics) -> float:
+def camera_disagreement_px(a: Intrinsics, b: Intrinsics) -> float:
     """Return the distance between the images of a corner's ray in two cameras of one size, pixels.
 
     Different distortion counts as infinite: only `camera_model` corrects it.

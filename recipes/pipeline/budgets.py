@@ -8,15 +8,15 @@ INVALID.
 from collections import deque
 from dataclasses import dataclass
 
-from wil_campaign.recipes.model.recipe import Budget
+from wil_campaign.recipes.model.recipe import MixingBudget
 from wil_campaign.recipes.pipeline.mixture import Provenance
-from wil_campaign.worlds.figures import distinct_text
+from wil_campaign.worlds.figures import distinct_value_text
 
 _SLACK = 1e-6
 
 
 @dataclass(frozen=True, slots=True)
-class Breach:
+class BudgetBreach:
     """An exceeded mixing budget. what: the budget's key in the recipe; limit in the same unit."""
 
     what: str
@@ -24,11 +24,11 @@ class Breach:
     limit: float
 
     def __str__(self) -> str:
-        actual = distinct_text(self.actual, self.limit, digits=1).removesuffix(".0")
+        actual = distinct_value_text(self.actual, self.limit, digits=1).removesuffix(".0")
         return f"{self.what}: {actual}, the limit is {self.limit:g}"
 
 
-def breach_of(budget: Budget, provenance: Provenance) -> Breach | None:
+def budget_breach(budget: MixingBudget, provenance: Provenance) -> BudgetBreach | None:
     """Return the first mixing budget that one mixed reading exceeds; None when it exceeds none.
 
     A missing figure exceeds nothing: the registration error is None by definition where there is
@@ -46,7 +46,7 @@ def breach_of(budget: Budget, provenance: Provenance) -> Breach | None:
     )
     for what, actual, limit in limits:
         if actual is not None and limit is not None and not actual <= limit + _SLACK:
-            return Breach(what, actual, limit)
+            return BudgetBreach(what, actual, limit)
     return None
 
 
@@ -56,7 +56,7 @@ class RateWatch:
     window_s: at least five readings long, so that a single lost reading is no breach.
     """
 
-    def __init__(self, budget: Budget, *, window_s: float = 1.0) -> None:
+    def __init__(self, budget: MixingBudget, *, window_s: float = 1.0) -> None:
         self._min_rate_hz = budget.min_rate_hz
         self._window_s = max(window_s, 5.0 / budget.min_rate_hz) if budget.min_rate_hz else window_s
         self._started_s: float | None = None
@@ -71,7 +71,7 @@ class RateWatch:
         """Add the time of a delivered mixture."""
         self._times.append(t_s)
 
-    def breach(self, now_s: float) -> Breach | None:
+    def breach(self, now_s: float) -> BudgetBreach | None:
         """Return the rate budget's breach once a whole window is watched; None otherwise."""
         if self._min_rate_hz is None or self._started_s is None:
             return None
@@ -82,7 +82,7 @@ class RateWatch:
         rate_hz = (len(self._times) + 1) / self._window_s
         if begin_s < self._started_s or rate_hz >= self._min_rate_hz - _SLACK:
             return None
-        return Breach("min_rate_hz", len(self._times) / self._window_s, self._min_rate_hz)
+        return BudgetBreach("min_rate_hz", len(self._times) / self._window_s, self._min_rate_hz)
 
 
 def _ms(time_s: float | None) -> float | None:

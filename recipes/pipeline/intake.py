@@ -3,13 +3,13 @@
 from collections import Counter, deque
 
 from wil_campaign.vehicles.readings import Reading, sensor_type_of
-from wil_campaign.vehicles.readings.checks import fault_after, fault_of
-from wil_campaign.vehicles.readings.faults import Fault
+from wil_campaign.vehicles.readings.checks import reading_fault, reading_fault_after
+from wil_campaign.vehicles.readings.faults import ReadingFault
 
 _REMEMBERED = 64
 
 
-class Intake:
+class ReadingIntake:
     """The intake check of one side's readings, each by itself and against the one before.
 
     A reading that is older than the newest accepted one is always refused. One that differs in size
@@ -40,17 +40,17 @@ class Intake:
         self.faults[f"{self._side} {fault.kind}"] += 1
         return f"{self.kind} reading of {self._side}: {fault.detail}"
 
-    def _type_fault(self, reading: Reading) -> Fault | None:
+    def _type_fault(self, reading: Reading) -> ReadingFault | None:
         kind = sensor_type_of(reading)
-        return None if kind == self.kind else Fault("type", f"is of type {kind}")
+        return None if kind == self.kind else ReadingFault("type", f"is of type {kind}")
 
-    def _own_fault(self, reading: Reading) -> Fault | None:
-        fault = fault_of(reading)
+    def _own_fault(self, reading: Reading) -> ReadingFault | None:
+        fault = reading_fault(reading)
         return None if fault is not None and fault.kind in self._tolerated else fault
 
-    def _order_fault(self, reading: Reading) -> Fault | None:
+    def _order_fault(self, reading: Reading) -> ReadingFault | None:
         previous = self._previous
-        fault = fault_after(reading, previous)
+        fault = reading_fault_after(reading, previous)
         if fault is None or previous is None or reading.t_s == previous.t_s:
             return None
         if fault.kind != "backwards":

@@ -53,7 +53,7 @@ class Provenance:
 
 
 @dataclass(frozen=True, slots=True)
-class Mixed(Generic[R]):
+class MixedReading(Generic[R]):
     """A mixture with its provenance. reading: None where nothing could be mixed."""
 
     reading: R | None

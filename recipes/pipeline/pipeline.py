@@ -9,12 +9,12 @@ from collections.abc import Mapping
 from typing import TypeVar, cast
 
 from wil_campaign.recipes.model.recipe import Combination, Recipe
-from wil_campaign.recipes.model.registry import Context
+from wil_campaign.recipes.model.registry import StepContext
 from wil_campaign.recipes.pipeline.autonomy_readings import autonomy_reading
-from wil_campaign.recipes.pipeline.intake import Intake
-from wil_campaign.recipes.pipeline.mixture import MixCounts, Mixed, Provenance, StageTime
+from wil_campaign.recipes.pipeline.intake import ReadingIntake
+from wil_campaign.recipes.pipeline.mixture import MixCounts, MixedReading, Provenance, StageTime
 from wil_campaign.recipes.pipeline.stages import (
-    Merging,
+    MergeStage,
     Observer,
     Stage,
     StageView,
@@ -29,12 +29,12 @@ from wil_campaign.recipes.working import (
     Masked,
     Need,
     PoseRequest,
+    ReadingTimeline,
     Side,
-    TimeLine,
 )
 from wil_campaign.vehicles.readings import Reading
 from wil_campaign.vehicles.readings.kinds import traits_named
-from wil_campaign.worlds.figures import distinct_text
+from wil_campaign.worlds.figures import distinct_value_text
 
 __all__ = ["Mixer", "Stopwatch", "compile_recipe"]
 
@@ -58,7 +58,7 @@ def compile_recipe(
     the first step, and the result of each step. Raises ValueError for an object that the world
     lacks (`Recipe.unknown_objects` reports it with its place).
     """
-    context = Context(object_ids, recipe.document.path.parent)
+    context = StepContext(object_ids, recipe.document.path.parent)
     return tuple(
         _compile(combination, context, recipe, stopwatch, observer)
         for combination in recipe.combinations
@@ -67,7 +67,7 @@ def compile_recipe(
 
 def _compile(
     combination: Combination,
-    context: Context,
+    context: StepContext,
     recipe: Recipe,
     stopwatch: Stopwatch | None,
     observer: Observer | None,
@@ -96,7 +96,7 @@ class Mixer:
         *,
         combination: Combination,
         stages: tuple[Stage, ...],
-        merging: Merging,
+        merging: MergeStage,
         pose_request: PoseRequest | None,
         needs: Mapping[Side, frozenset[Need]],
         stopwatch: Stopwatch | None,
@@ -112,11 +112,11 @@ class Mixer:
         self.observer = observer
         sensor = combination.sensor
         self._real, self._twin = (
-            Intake(side, sensor.kind_of(side), combination.tolerated(side)) for side in SIDES
+            ReadingIntake(side, sensor.kind_of(side), combination.tolerated(side)) for side in SIDES
         )
         real, twin = (traits_named(sensor.kind_of(side)) for side in SIDES)
         make = twin.line if real is twin else None
-        self._twin_line: TimeLine | None = None if make is None else make()
+        self._twin_line: ReadingTimeline | None = None if make is None else make()
         self._frames = 0
         self._mixed = 0
         self._dropped: Counter[DropReason] = Counter()
@@ -162,7 +162,7 @@ class Mixer:
         *,
         now_s: float,
         alignment: str = "",
-    ) -> Mixed[R]:
+    ) -> MixedReading[R]:
         """Return the mixture of two readings, delivered at `now_s` on the run clock.
 
         The real reading sets the time. Without one there is no mixture, as a vehicle whose sensor
@@ -193,7 +193,7 @@ class Mixer:
             times=run.times,
             given=(_seq(real), _seq(twin)),
         )
-        return Mixed(cast("R | None", mixed), provenance)
+        return MixedReading(cast("R | None", mixed), provenance)
 
     def _run(
         self,
@@ -267,7 +267,7 @@ class _Frame:
     def __init__(
         self,
         stages: tuple[Stage, ...],
-        merging: Merging,
+        merging: MergeStage,
         stopwatch: Stopwatch | None,
         frame: int,
         observer: Observer | None,
@@ -342,7 +342,7 @@ class _Frame:
 def _ms(time_s: float, limit_s: float) -> tuple[str, str]:
     """Return a time, as text that tells it from its limit, and the limit, in milliseconds."""
     limit_ms = limit_s * 1000
-    return f"{distinct_text(time_s * 1000, limit_ms, digits=0)} ms", f"{limit_ms:g} ms"
+    return f"{distinct_value_text(time_s * 1000, limit_ms, digits=0)} ms", f"{limit_ms:g} ms"
 
 
 def _provenance(

@@ -10,8 +10,8 @@ from pathlib import Path as FilePath
 from typing import Any, TypeVar, cast
 
 from wil_campaign.foundation.files.documents import Path
-from wil_campaign.recipes.model.recipe import Combination, Step
-from wil_campaign.recipes.model.registry import OWN_STEP, Context
+from wil_campaign.recipes.model.recipe import Combination, StepUse
+from wil_campaign.recipes.model.registry import OWN_STEP, StepContext
 from wil_campaign.recipes.working import (
     SIDES,
     AnyMasked,
@@ -35,7 +35,7 @@ class ShapeMismatch:
     message: str
 
 
-def blank_of(sensor: Any, side: Side) -> Reading | None:
+def blank_reading_of(sensor: Any, side: Side) -> Reading | None:
     """Return an empty reading as large as those of a sensor, by its setup; None without a size."""
     blank = traits_named(sensor.kind).blank
     return None if blank is None else blank(sensor, side)
@@ -91,7 +91,7 @@ def _reshaped(
     sides: dict[Side, AnyMasked] = {side: Masked(one) for side, one in blank.items()}
     for step in combination.steps:
         if step.parameters.reshapes:
-            mismatch = _reshape(step, sides, Context(folder=folder))
+            mismatch = _reshape(step, sides, StepContext(folder=folder))
             if mismatch is not None:
                 return mismatch
     return sides
@@ -102,11 +102,13 @@ def _merged(
 ) -> Reading | ShapeMismatch | None:
     """Return the merge of both sides, its mismatch, or None where blank ones have no result."""
     step = combination.merge
-    merge = cast("Merge", step.kind.build(step.parameters, Context(folder=folder)))
+    merge = cast("Merge", step.kind.build(step.parameters, StepContext(folder=folder)))
     return _attempt(step, partial(merge, sides))
 
 
-def _reshape(step: Step, sides: dict[Side, AnyMasked], context: Context) -> ShapeMismatch | None:
+def _reshape(
+    step: StepUse, sides: dict[Side, AnyMasked], context: StepContext
+) -> ShapeMismatch | None:
     """Replace each side of a step by the step's result; return a mismatch, if any."""
     for side in step.parameters.sides():
         built = step.kind.build(step.parameters, replace(context, side=side))
@@ -119,7 +121,7 @@ def _reshape(step: Step, sides: dict[Side, AnyMasked], context: Context) -> Shap
     return None
 
 
-def _attempt(step: Step, work: Callable[[], T]) -> T | ShapeMismatch | None:
+def _attempt(step: StepUse, work: Callable[[], T]) -> T | ShapeMismatch | None:
     """Return the result of a step, its mismatch, or None where a blank reading has no result."""
     try:
         return work()

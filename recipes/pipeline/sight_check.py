@@ -8,7 +8,7 @@ from typing import cast
 import numpy as np
 
 from wil_campaign.recipes.model.recipe import Combination
-from wil_campaign.recipes.model.registry import Context
+from wil_campaign.recipes.model.registry import StepContext
 from wil_campaign.recipes.operations.masks import is_kept
 from wil_campaign.recipes.working import (
     SIDES,
@@ -64,7 +64,7 @@ def shows_twin(
     pair: the twin's differs from the real one in every pixel. folder: as of `shape_mismatch`.
     A mixture that a step refuses counts as one that shows it: that has a check of its own.
     """
-    context = Context(object_ids, folder)
+    context = StepContext(object_ids, folder)
     sides: dict[Side, AnyMasked] = {side: Masked(reading) for side, reading in pair.items()}
     try:
         for step in combination.steps:

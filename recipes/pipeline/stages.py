@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import cast
 
 from wil_campaign.foundation.files.documents import Document
-from wil_campaign.recipes.model.recipe import Combination, Step
-from wil_campaign.recipes.model.registry import OWN_STEP, Context
+from wil_campaign.recipes.model.recipe import Combination, StepUse
+from wil_campaign.recipes.model.registry import OWN_STEP, StepContext
 from wil_campaign.recipes.working import (
     SIDES,
     AnyMasked,
@@ -88,7 +88,7 @@ class Stage:
 
 
 @dataclass(frozen=True, slots=True)
-class Merging:
+class MergeStage:
     """The compiled merge stage, and its place in the recipe."""
 
     name: str
@@ -110,13 +110,13 @@ class CompiledStages:
     """A combination's compiled stages. needs: what each side's readings must carry."""
 
     stages: tuple[Stage, ...]
-    merging: Merging
+    merging: MergeStage
     pose_request: PoseRequest | None
     needs: Mapping[Side, frozenset[Need]]
 
 
 def compile_stages(
-    combination: Combination, context: Context, document: Document
+    combination: Combination, context: StepContext, document: Document
 ) -> CompiledStages:
     """Return the stages of a combination, built from its steps.
 
@@ -143,11 +143,11 @@ def compile_stages(
             operators = cast("Mapping[Side, Operator]", built)
             stages.append(Stage(step.label, sides, operators, place))
     step, place = combination.merge, _place(combination.merge, document)
-    merging = Merging(step.label, cast("Merge", _build_operator(step, context, place)), place)
+    merging = MergeStage(step.label, cast("Merge", _build_operator(step, context, place)), place)
     return CompiledStages(tuple(stages), merging, request, needs)
 
 
-def _build_operator(step: Step, context: Context, place: StepPlace) -> Built:
+def _build_operator(step: StepUse, context: StepContext, place: StepPlace) -> Built:
     """Build a stage's operator; a user class that raises becomes a StepError."""
     try:
         built: Built = step.kind.build(step.parameters, context)
@@ -158,6 +158,6 @@ def _build_operator(step: Step, context: Context, place: StepPlace) -> Built:
     return built
 
 
-def _place(step: Step, document: Document) -> StepPlace:
+def _place(step: StepUse, document: Document) -> StepPlace:
     line, _ = document.place(step.path, key=True)
     return StepPlace(document.name, line, step.label)

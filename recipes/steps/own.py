@@ -12,16 +12,16 @@ from wil_campaign.foundation.files.references import BadReferenceError, load_ref
 from wil_campaign.recipes.model.registry import (
     EVERY_SENSOR,
     OWN_STEP,
-    Context,
     ParameterFault,
     SidedParameters,
+    StepContext,
     StepParameters,
     step,
 )
 from wil_campaign.recipes.working import AnyMasked, Masked, Merge, Operator, Sides, element_shape
 from wil_campaign.vehicles.readings import Reading, sensor_type_of
-from wil_campaign.vehicles.readings.checks import fault_of
-from wil_campaign.vehicles.readings.copies import copied, with_python_numbers
+from wil_campaign.vehicles.readings.checks import reading_fault
+from wil_campaign.vehicles.readings.copies import copied_reading, with_python_numbers
 
 
 class BadResultError(TypeError):
@@ -58,7 +58,7 @@ def _function_faults(
 
 
 def _prepare_function(
-    use: str, given: dict[str, JsonValue], context: Context
+    use: str, given: dict[str, JsonValue], context: StepContext
 ) -> Callable[..., Any]:
     """Return the callable of a user's own step: the function, or an instance of the class."""
     found = _load_function(use, context.folder)
@@ -86,7 +86,7 @@ class UseParameters(SidedParameters):
         return _function_faults(self.use, self.with_, folder, ("work", "other"))
 
 
-def use(parameters: UseParameters, context: Context) -> Operator:
+def use(parameters: UseParameters, context: StepContext) -> Operator:
     """Call a function of the user's own: (work, other, **with) that returns a reading or a Masked.
 
     work, other: wil_campaign.api.Masked, of this side and of the other (None when it is missing).
@@ -130,7 +130,7 @@ class UseMergeParameters(StepParameters):
         return _function_faults(self.use, self.with_, folder, ("sides",))
 
 
-def use_merge(parameters: UseMergeParameters, context: Context) -> Merge:
+def use_merge(parameters: UseMergeParameters, context: StepContext) -> Merge:
     """Call a function of the user's own: (sides, **with) that returns the mixed reading.
 
     sides: a mapping of "real" and "twin" to wil_campaign.api.Masked, copies as of `use`; "twin" is
@@ -157,7 +157,7 @@ OWN_STEPS = (
 
 def _copied_side(work: AnyMasked) -> AnyMasked:
     """Return a copy of a side: a step of the user's may write into what the recording waits for."""
-    return Masked(copied(work.reading), None if work.mask is None else work.mask.copy())
+    return Masked(copied_reading(work.reading), None if work.mask is None else work.mask.copy())
 
 
 def _checked_result(made: Any, kind: str) -> Reading:
@@ -167,9 +167,9 @@ def _checked_result(made: Any, kind: str) -> Reading:
     """
     if sensor_type_of(made) != kind:
         raise BadResultError(f"returned a {sensor_type_of(made)} reading of a {kind} one")
-    reading = copied(with_python_numbers(made))
+    reading = copied_reading(with_python_numbers(made))
     # The mixer sets the time of delivery.
-    fault = fault_of(replace(reading, arrived_s=reading.t_s))
+    fault = reading_fault(replace(reading, arrived_s=reading.t_s))
     if fault is not None:
         raise BadResultError(f"returned a bad reading: {fault.detail}")
     return reading

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 from wil_campaign.recipes.visibility.model import FrameVisibility, ObjectVisibility, Unit
-from wil_campaign.worlds.figures import distinct_text
+from wil_campaign.worlds.figures import distinct_value_text
 
 _SHARE_FRAMES = 5
 """Least number of measured frames for a share: with fewer, one frame at the edge of the image would
@@ -63,7 +63,7 @@ class VisibilityFault:
     text: str
 
 
-class Coverage:
+class VisibilityCoverage:
     """The coverage of virtual objects by one combination's mixtures while the goal is flown.
 
     frames: number of measured ones. not_mixed: objects that the combination leaves out by name,
@@ -129,7 +129,7 @@ class Coverage:
         due = [name for name, coverage in self.objects.items() if coverage.in_view >= _SHARE_FRAMES]
         if not due or any(coverage.shown for coverage in self.objects.values()):
             return None
-        return never_shown({name: [self.objects[name]] for name in due}, shower=self._shower)
+        return never_shown_fault({name: [self.objects[name]] for name in due}, shower=self._shower)
 
     def _observe(self, one: ObjectVisibility, t_s: float) -> VisibilityFault | None:
         known = self.objects.setdefault(one.name, ObjectCoverage(one.unit))
@@ -150,7 +150,7 @@ class Coverage:
         if not one.is_displaced or not (known.displaced >= _IN_A_ROW or known.is_often_displaced):
             return None
         digits = 0 if one.unit == "px" else 2
-        offset = distinct_text(one.offset, float(f"{one.limit:.3g}"), digits=digits)
+        offset = distinct_value_text(one.offset, float(f"{one.limit:.3g}"), digits=digits)
         off = f"{offset} {one.unit} from its place at {t_s:.3f} s"
         text = f"{self._shower} shows {one.name} {off}; the limit is {one.limit:.3g} {one.unit}"
         return VisibilityFault(t_s, text)
@@ -167,7 +167,7 @@ class Coverage:
         return fault if max(lasted) >= _BLIND_S else None
 
 
-def never_shown(
+def never_shown_fault(
     objects: dict[str, list[ObjectCoverage]], *, shower: str = "the mixture"
 ) -> VisibilityFault:
     """Return the coverage fault of objects that no mixture, or too few, showed."""
@@ -186,22 +186,22 @@ def never_shown(
     return VisibilityFault(min(times), f"{shower} {word} showed {'; '.join(details)}")
 
 
-def uncovered(
-    combinations: Iterable[Coverage], *, shower: str = "the mixture"
+def uncovered_objects(
+    combinations: Iterable[VisibilityCoverage], *, shower: str = "the mixture"
 ) -> VisibilityFault | None:
     """Return the objects without coverage by any combination in which they were in view.
 
     A lidar may show an object that a camera's recipe leaves out, and the other way round.
     """
-    each: dict[str, list[tuple[Coverage, ObjectCoverage]]] = {}
+    each: dict[str, list[tuple[VisibilityCoverage, ObjectCoverage]]] = {}
     for coverage in combinations:
         for name, one in coverage.objects.items():
             each.setdefault(name, []).append((coverage, one))
     bad = {name: [one for _, one in seen] for name, seen in each.items() if _is_uncovered(seen)}
-    return never_shown(bad, shower=shower) if bad else None
+    return never_shown_fault(bad, shower=shower) if bad else None
 
 
-def _is_uncovered(seen: list[tuple[Coverage, ObjectCoverage]]) -> bool:
+def _is_uncovered(seen: list[tuple[VisibilityCoverage, ObjectCoverage]]) -> bool:
     """Return whether combinations with an object in view never showed it, or too seldom.
 
     One combination that covers the object in enough frames suffices.

@@ -20,7 +20,7 @@ from wil_campaign.recipes.visibility.model import (
     FrameVisibility,
     Mask,
     ObjectVisibility,
-    Virtual,
+    VirtualObjects,
 )
 from wil_campaign.vehicles.readings import BgrImage
 
@@ -68,7 +68,7 @@ class ImagePair:
     real_bgr: BgrImage
     mixed_bgr: BgrImage
     expected: ExpectedImage
-    virtual: Virtual
+    virtual: VirtualObjects
     limit_px: float | None
     is_like: bool
 

@@ -20,7 +20,7 @@ _ALIKE = 0.02
 
 
 @dataclass(frozen=True, slots=True)
-class Shift:
+class ImageShift:
     """The shift at which an image matches best. correlation: -1 to 1. samples: offset in pixels.
 
     contrast: of the match, as a share of that of the expected image; 0 or more.
@@ -33,7 +33,7 @@ class Shift:
 
 def best_shift(
     real_bgr: BgrImage, mixed_bgr: BgrImage, expected_bgr: BgrImage, own: Mask
-) -> Shift | None:
+) -> ImageShift | None:
     """Return the shift at which a mixture matches the expected object; None without texture.
 
     own: where the object is expected. The part that both images share with the real one (the same
@@ -58,7 +58,7 @@ def best_shift(
     nearest = int(offsets.argmin())
     row, column = int(rows[nearest]), int(columns[nearest])
     contrast = _slope(template, searched[row : row + high, column : column + wide])
-    return Shift(best, float(offsets[nearest]), max(0.0, contrast))
+    return ImageShift(best, float(offsets[nearest]), max(0.0, contrast))
 
 
 def _slope(template: Gray, image: Gray) -> float:

@@ -16,7 +16,7 @@ Unit = Literal["px", "m"]
 
 
 @dataclass(frozen=True, slots=True)
-class Virtual:
+class VirtualObjects:
     """The objects that exist only in the virtual world, by the ids that images carry.
 
     names: those that a mixture has to show. not_mixed: the others, which a recipe that isolates
@@ -27,14 +27,14 @@ class Virtual:
     not_mixed: dict[int, str] = field(default_factory=dict)
     beside: frozenset[int] = frozenset()
 
-    def everything(self) -> "Virtual":
+    def everything(self) -> "VirtualObjects":
         """Return all of these objects as objects to be shown."""
-        return Virtual({**self.names, **self.not_mixed})
+        return VirtualObjects({**self.names, **self.not_mixed})
 
-    def compared(self) -> "Virtual":
+    def compared(self) -> "VirtualObjects":
         """Return the objects to be shown and those beside them, as objects to be shown."""
         beside = {i: name for i, name in self.not_mixed.items() if i in self.beside}
-        return Virtual({**self.names, **beside})
+        return VirtualObjects({**self.names, **beside})
 
     def mask_of(self, ids: Ids) -> Mask:
         """Return the mask of the virtual objects in an image of ids."""

@@ -10,7 +10,7 @@ from wil_campaign.recipes.visibility.model import (
     FrameVisibility,
     Mask,
     ObjectVisibility,
-    Virtual,
+    VirtualObjects,
 )
 
 SHOWN_SHARE = 0.5
@@ -25,7 +25,7 @@ LEAST_ELEMENTS = 2
 """Least number of beams on an object in view, for a sensor with several."""
 
 
-def limits_m(ranges_m: NDArray[np.float64]) -> NDArray[np.float64]:
+def range_limits_m(ranges_m: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the largest accepted error of each mixed range, metres."""
     return np.maximum(LIMIT_M, LIMIT_SHARE * np.where(np.isfinite(ranges_m), ranges_m, 0.0))
 
@@ -36,7 +36,7 @@ def compare_ranges(
     real_m: NDArray[np.float64],
     mixed_m: NDArray[np.float64],
     expected: ExpectedRanges,
-    virtual: Virtual,
+    virtual: VirtualObjects,
     reach_m: tuple[float, float],
     least: float = LEAST_ELEMENTS,
     nearest_m: float = np.inf,
@@ -48,16 +48,16 @@ def compare_ranges(
     nearest_m: the nearest surface around the beams, where that is nearer than those in them.
     """
     due = np.asarray(expected.ranges_m, np.float64)
-    limit = limits_m(due)
+    limit = range_limits_m(due)
     is_clear = (due >= reach_m[0]) & (due <= reach_m[1]) & ~(real_m < due - limit)
     with np.errstate(invalid="ignore"):
         error = np.abs(mixed_m - due)
         is_distinct = ~(np.abs(real_m - due) <= AMBIGUOUS_SHARE * limit)
         is_real = np.abs(mixed_m - real_m) < error
-        nearer = mixed_m < real_m - limits_m(mixed_m)
+        nearer = mixed_m < real_m - range_limits_m(mixed_m)
         away = nearer & (mixed_m < np.minimum(due, nearest_m) - limit)
     visible = virtual.mask_of(expected.ids) & is_clear & is_distinct
-    elements = Elements(error, nearer, (error <= limit) & ~is_real, limit)
+    elements = ComparedRanges(error, nearer, (error <= limit) & ~is_real, limit)
     objects = tuple(
         object_visibility(name, visible & (expected.ids == object_id), elements, least)
         for object_id, name in virtual.names.items()
@@ -78,7 +78,7 @@ def _share(mask: Mask) -> float:
 
 
 @dataclass(frozen=True, slots=True)
-class Elements:
+class ComparedRanges:
     """The compared ranges, metres. error, limit: of each.
 
     nearer: where the mixture is nearer than the real one. right: where it has the virtual object's
@@ -91,7 +91,9 @@ class Elements:
     limit: NDArray[np.float64]
 
 
-def object_visibility(name: str, own: Mask, elements: Elements, least: float) -> ObjectVisibility:
+def object_visibility(
+    name: str, own: Mask, elements: ComparedRanges, least: float
+) -> ObjectVisibility:
     """Return the visibility of an object. own: the ranges that are expected on it."""
     error, right, limit = elements.error, elements.right, elements.limit
     count = int(np.count_nonzero(own))

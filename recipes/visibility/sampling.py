@@ -9,7 +9,7 @@ _SAMPLES = 160
 twentieth of the time of rendering the image."""
 
 
-def samples_of(intrinsics: Intrinsics) -> slice:
+def image_samples_of(intrinsics: Intrinsics) -> slice:
     """Return the rows and columns of an image at which the expected view is compared."""
     step = -(-intrinsics.width_px // _SAMPLES)
     return slice(step // 2, None, step)
@@ -17,7 +17,7 @@ def samples_of(intrinsics: Intrinsics) -> slice:
 
 def sampled_intrinsics(intrinsics: Intrinsics) -> Intrinsics:
     """Return the camera whose pixels are the compared samples of another."""
-    part = samples_of(intrinsics)
+    part = image_samples_of(intrinsics)
     step, first = part.step, part.start
     return replace(
         intrinsics,

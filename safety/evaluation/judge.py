@@ -19,10 +19,16 @@ from wil_campaign.safety.model.samples import (
     StageSample,
     StateSample,
 )
-from wil_campaign.safety.model.verdict import GOAL_TIMEOUT, DecisiveEvent, source_of
+from wil_campaign.safety.model.verdict import GOAL_TIMEOUT, DecisiveEvent, event_source_of
 from wil_campaign.safety.oracles.contact import ContactParameters
-from wil_campaign.safety.oracles.goal import TimeLimit
-from wil_campaign.safety.oracles.oracle import Oracle, OracleContext, OracleError, Parameters, Terms
+from wil_campaign.safety.oracles.goal import TimeLimitOracle
+from wil_campaign.safety.oracles.oracle import (
+    Oracle,
+    OracleContext,
+    OracleError,
+    OracleParameters,
+    OracleTerms,
+)
 from wil_campaign.safety.oracles.oracle_terms import FLIGHT
 from wil_campaign.safety.oracles.registry import oracle_kinds
 from wil_campaign.safety.oracles.touchdown import TouchdownParameters
@@ -38,7 +44,7 @@ class OracleUse:
 
     name: str
     kind: str
-    parameters: Parameters
+    parameters: OracleParameters
 
 
 COLLISION_ALWAYS = OracleUse("collision_always", "collision", ContactParameters())
@@ -67,7 +73,9 @@ def build_oracles(
     """
     oracles = [oracle for use in uses for oracle in _of_use(use, contexts)]
     if "real" in contexts and not any(_is_final(oracle) for oracle in oracles):
-        oracles.append(LandedOracle(Terms(name=_LANDED_ALWAYS, vehicle="real", required=True)))
+        oracles.append(
+            LandedOracle(OracleTerms(name=_LANDED_ALWAYS, vehicle="real", required=True))
+        )
     for vehicle, context in contexts.items():
         judged = any(_judges_every_contact(use, vehicle) for use in uses)
         subject = vehicle == context.subject and context.probe is not None
@@ -120,7 +128,7 @@ def _judges_landing(use: OracleUse, subject: str) -> bool:
     return use.kind == "touchdown" and given.required and given.vehicle in {None, subject}
 
 
-def unjudged(uses: Iterable[OracleUse], *, collision_always: bool) -> tuple[str, ...]:
+def unjudged_contacts(uses: Iterable[OracleUse], *, collision_always: bool) -> tuple[str, ...]:
     """Return the contacts that a campaign excludes from being judged always, as texts."""
     if not collision_always:
         return (COLLISION_ALWAYS.name,)
@@ -143,7 +151,7 @@ def _require_unique(oracles: Iterable[Oracle]) -> None:
     """Raise OracleError when two oracles of the judge have one name and vehicle."""
     seen: set[str] = set()
     for oracle in oracles:
-        source = source_of(oracle.name, oracle.vehicle)
+        source = event_source_of(oracle.name, oracle.vehicle)
         if source in seen:
             raise OracleError(f"two oracles are named {oracle.name!r} for {oracle.vehicle!r}")
         seen.add(source)
@@ -161,8 +169,10 @@ class Judge:
         self.oracles = tuple(oracles)
         self._evidence = evidence or Evidence()
         self._taken = 0
-        self._required = {source_of(o.name, o.vehicle) for o in self.oracles if o.required}
-        self._fail_fast = {source_of(o.name, o.vehicle) for o in self.oracles if o.terms.fail_fast}
+        self._required = {event_source_of(o.name, o.vehicle) for o in self.oracles if o.required}
+        self._fail_fast = {
+            event_source_of(o.name, o.vehicle) for o in self.oracles if o.terms.fail_fast
+        }
         self._flags: list[Flag] = []
         self._ended: dict[str, OracleResult] = {}
         self._connect(self.oracles)
@@ -186,11 +196,11 @@ class Judge:
     @property
     def timeouts(self) -> frozenset[str]:
         """Return the sources of the judge's events that only report that the time is up."""
-        limits = (oracle for oracle in self.oracles if isinstance(oracle, TimeLimit))
+        limits = (oracle for oracle in self.oracles if isinstance(oracle, TimeLimitOracle))
         return frozenset(
             {
                 GOAL_TIMEOUT,
-                *(source_of(time_limit.name, time_limit.vehicle) for time_limit in limits),
+                *(event_source_of(time_limit.name, time_limit.vehicle) for time_limit in limits),
             }
         )
 
@@ -198,14 +208,15 @@ class Judge:
     def worst_texts(self) -> Mapping[str, str]:
         """Return the worst values of the judge's oracles, by the sources of their events."""
         return {
-            source_of(oracle.name, oracle.vehicle): oracle.worst_text for oracle in self.oracles
+            event_source_of(oracle.name, oracle.vehicle): oracle.worst_text
+            for oracle in self.oracles
         }
 
     @property
     def landings(self) -> frozenset[str]:
         """Return the sources of the judge's events that a vehicle was not landed at the end."""
         ends = (oracle for oracle in self.oracles if isinstance(oracle, LandedOracle))
-        return frozenset(source_of(end.name, end.vehicle) for end in ends)
+        return frozenset(event_source_of(end.name, end.vehicle) for end in ends)
 
     def pose(self, sample: PoseSample) -> tuple[Flag, ...]:
         """Feed a pose to the judge; return new flags."""
@@ -293,11 +304,15 @@ class Judge:
         oracles and those of other vehicles that watch it are judged to the end.
         """
         for oracle in self.oracles:
-            source = source_of(oracle.name, oracle.vehicle)
+            source = event_source_of(oracle.name, oracle.vehicle)
             if oracle.vehicle == sample.vehicle and not oracle.required:
                 self._ended.setdefault(source, self._result_at_drop_out(oracle, sample.t_s))
         self._connect(
-            [one for one in self.oracles if source_of(one.name, one.vehicle) not in self._ended]
+            [
+                one
+                for one in self.oracles
+                if event_source_of(one.name, one.vehicle) not in self._ended
+            ]
         )
         self._evidence.drop_out(sample)
         self._receive_evidence()
@@ -312,7 +327,7 @@ class Judge:
         That of one whose vehicle dropped out is as of then.
         """
         return tuple(
-            self._ended.get(source_of(oracle.name, oracle.vehicle)) or oracle.result(t_s)
+            self._ended.get(event_source_of(oracle.name, oracle.vehicle)) or oracle.result(t_s)
             for oracle in self.oracles
         )
 
@@ -321,10 +336,12 @@ class Judge:
 
         Another FAIL means "not yet", as of a goal that is not reached.
         """
-        settled = {source_of(flag.oracle, flag.vehicle) for flag in self._flags if flag.decisive}
+        settled = {
+            event_source_of(flag.oracle, flag.vehicle) for flag in self._flags if flag.decisive
+        }
         found: list[tuple[OracleResult, bool]] = []
         for oracle in self.oracles:
-            source = source_of(oracle.name, oracle.vehicle)
+            source = event_source_of(oracle.name, oracle.vehicle)
             result = self._ended.get(source) or oracle.so_far(t_s)
             is_certain = oracle.is_certain or source in settled or source in self._ended
             found.append((result, is_certain and result.verdict == "FAIL"))
@@ -366,7 +383,7 @@ class Judge:
             return ()
         self._flags += new
         for flag in new:
-            source = source_of(flag.oracle, flag.vehicle)
+            source = event_source_of(flag.oracle, flag.vehicle)
             if flag.decisive and source in self._required:
                 self._event_once(DecisiveEvent(flag.t_s, "FAIL", flag.text, source))
         return tuple(new)

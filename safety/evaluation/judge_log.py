@@ -45,7 +45,7 @@ from wil_campaign.safety.model.samples import (
     StageSample,
     StateSample,
 )
-from wil_campaign.vehicles.autopilots.autopilot import Mode
+from wil_campaign.vehicles.autopilots.autopilot import FlightMode
 from wil_campaign.worlds.frames import Pose, Vec3
 from wil_campaign.worlds.scene.track import RunHistory
 
@@ -59,14 +59,14 @@ class JudgeLogError(ValueError):
 
 
 @dataclass(frozen=True, slots=True)
-class Tick:
+class ClockTick:
     """The judge log's entry of passed time."""
 
     t_s: float
 
 
 @dataclass(frozen=True, slots=True)
-class WorldEvent:
+class LoggedWorldEvent:
     """The judge log's entry of an event on which objects of the world start to move."""
 
     t_s: float
@@ -96,8 +96,8 @@ LoggedSample = (
     | StageSample
     | DropOutSample
     | FenceSample
-    | Tick
-    | WorldEvent
+    | ClockTick
+    | LoggedWorldEvent
 )
 
 
@@ -110,8 +110,8 @@ _NAMES: dict[type[LoggedSample], str] = {
     DoubtSample: "doubt",
     StageSample: "stage",
     DropOutSample: "dropped out",
-    Tick: "tick",
-    WorldEvent: "event",
+    ClockTick: "tick",
+    LoggedWorldEvent: "event",
 }
 """The row names of samples whose fields are written unchanged."""
 
@@ -202,7 +202,7 @@ def _state(t_s: float, rest: list[Any], states: dict[str, StateSample]) -> State
     if not changed:
         return dataclasses.replace(states[vehicle], t_s=t_s)
     armed, mode, *others = changed
-    states[vehicle] = StateSample(t_s, vehicle, armed, Mode(mode), *others)
+    states[vehicle] = StateSample(t_s, vehicle, armed, FlightMode(mode), *others)
     return states[vehicle]
 
 
@@ -239,10 +239,10 @@ _READERS: dict[str, Callable[..., LoggedSample]] = {
         t_s, vehicle, source, tuple(place), tuple(velocity), attitude and tuple(attitude)
     ),
     "doubt": DoubtSample,
-    "tick": Tick,
+    "tick": ClockTick,
     "dropped out": DropOutSample,
     "stage": lambda t_s, stage, vehicle: StageSample(t_s, _stage(stage), vehicle),
-    "event": WorldEvent,
+    "event": LoggedWorldEvent,
     "fence": lambda t_s, vehicle, plain: FenceSample(t_s, vehicle, fence_of_plain(plain)),
 }
 
@@ -276,12 +276,12 @@ def judge_from_log(
                 judge.ground_speed(sample)
             case HeadingSample():
                 judge.heading(sample)
-            case Tick(t_s):
+            case ClockTick(t_s):
                 judge.tick(t_s)
             case StageSample(t_s, stage):
                 judge.stage(sample)
                 reached.setdefault(stage, t_s)
-            case WorldEvent(t_s, name):
+            case LoggedWorldEvent(t_s, name):
                 events[name] = t_s
             case ActorPose(t_s, name, pose, velocity):
                 events.add_pose(name, t_s, pose, velocity)

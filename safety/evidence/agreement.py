@@ -24,7 +24,7 @@ _MOST_GAP_S = 0.3
 
 
 @dataclass(frozen=True, slots=True)
-class Accuracy:
+class SourceAccuracy:
     """The accuracy of a position source, one standard deviation on each axis.
 
     position_m: of its position; velocity_m_s: of its velocity, and of the change of its position,
@@ -51,7 +51,7 @@ class Disagreement:
     text: str
 
 
-class Agreement:
+class PositionAgreement:
     """Checks the judged positions for agreement with another source, at the other's times.
 
     Positions are compared, and the displacements of both within each of SPANS_S. Each difference
@@ -63,7 +63,7 @@ class Agreement:
     in a flight of the real firmware, and its positions step when the estimate is corrected.
     """
 
-    def __init__(self, *, judged: Accuracy, other: Accuracy, source: str) -> None:
+    def __init__(self, *, judged: SourceAccuracy, other: SourceAccuracy, source: str) -> None:
         self._judged = judged
         self._other = other
         self._source = source
@@ -190,7 +190,7 @@ class _Compared:
         return self.reference.t_s
 
 
-class OwnVelocity:
+class VelocityAgreement:
     """Checks the positions of one source against its own velocity.
 
     Within a fifth of a second the velocity accounts for any movement: a position that steps by more

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from wil_campaign.safety.evidence.terms import SignalTerms
 from wil_campaign.safety.model.oracle_results import EvidenceResult
 from wil_campaign.safety.model.samples import StageSample
-from wil_campaign.safety.oracles.oracle_terms import Stages
-from wil_campaign.worlds.figures import distinct_text
+from wil_campaign.safety.oracles.oracle_terms import StageTracker
+from wil_campaign.worlds.figures import distinct_value_text
 
 _PATIENCE_S = 0.5
 """How late samples may be before their absence counts: a delayed sample has its own time, and
@@ -15,14 +15,14 @@ closes the gap when it arrives."""
 
 
 @dataclass(frozen=True, slots=True)
-class Fault:
+class CoverageFault:
     """A fault in a signal's coverage: it proves nothing. at_s: since when; reason: the text."""
 
     at_s: float
     reason: str
 
 
-class Coverage:
+class SignalCoverage:
     """The coverage of a signal over time; `fault` is the first reason why it is INVALID.
 
     A gap begins with the window or with a sample, and ends with the next sample or with the window.
@@ -34,8 +34,8 @@ class Coverage:
 
     def __init__(self, terms: SignalTerms) -> None:
         self.terms = terms
-        self.stages = Stages(terms.window)
-        self.fault: Fault | None = None
+        self.stages = StageTracker(terms.window)
+        self.fault: CoverageFault | None = None
         self.caveat = ""
         """What a PASS by this signal has to be read with."""
         self._newest_s = -math.inf
@@ -104,7 +104,7 @@ class Coverage:
         if self.fault is None:
             terms = self.terms
             name = f"{terms.signal} of {terms.vehicle} from {terms.source}"
-            self.fault = Fault(at_s, f"{name}: {what}{self.stages.since(at_s, lead='; ')}")
+            self.fault = CoverageFault(at_s, f"{name}: {what}{self.stages.since(at_s, lead='; ')}")
 
     def result(self) -> EvidenceResult | None:
         """Return the evidence of the signal's coverage; None when its window never opened."""
@@ -147,7 +147,7 @@ class Coverage:
         if gap_s > self._gap[0]:
             self._gap = (gap_s, since_s)
         if gap_s > limit_s:
-            gap = f"no sample for {distinct_text(gap_s, limit_s)} s against {limit_s:g} s"
+            gap = f"no sample for {distinct_value_text(gap_s, limit_s)} s against {limit_s:g} s"
             if self._is_link_silent(since_s, until_s):
                 self._of_link = self._of_link or gap
             else:

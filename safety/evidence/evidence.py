@@ -2,14 +2,14 @@
 
 from collections.abc import Callable, Iterable, Mapping
 
-from wil_campaign.safety.evidence.coverage import Coverage, Fault
+from wil_campaign.safety.evidence.coverage import CoverageFault, SignalCoverage
 from wil_campaign.safety.evidence.flown_coverage import FlownCoverage
 from wil_campaign.safety.evidence.motion import AttitudeCoverage, VelocityCoverage
 from wil_campaign.safety.evidence.poses import (
     NOT_A_NUMBER,
     PoseCoverage,
-    is_finite,
     is_finite_reference,
+    is_pose_finite,
 )
 from wil_campaign.safety.evidence.terms import SignalTerms
 from wil_campaign.safety.model.oracle_results import EvidenceResult
@@ -47,20 +47,20 @@ class Evidence:
     """
 
     def __init__(self, signals: Iterable[SignalTerms] = ()) -> None:
-        self._signals: dict[_Key, Coverage] = {}
+        self._signals: dict[_Key, SignalCoverage] = {}
         self._ended: set[_Key] = set()
         self._flown: dict[str, list[tuple[_Key, FlownCoverage]]] = {}
         for terms in signals:
             if (terms.signal, terms.vehicle) in self._signals:
                 raise ValueError(f"{terms.signal} of {terms.vehicle} is declared twice")
             self._signals[terms.signal, terms.vehicle] = self._coverage(terms)
-        self._doubts: dict[_Key, tuple[DoubtSample, Fault]] = {}
+        self._doubts: dict[_Key, tuple[DoubtSample, CoverageFault]] = {}
         self._decided: set[_Key] = set()
         self.events: list[DecisiveEvent] = []
 
     def pose(self, sample: PoseSample) -> bool:
         """Add a pose to the evidence; return whether it is finite, so that it can be judged."""
-        finite = is_finite(sample)
+        finite = is_pose_finite(sample)
         for key, known in self._flown.get(sample.vehicle, ()):
             if finite or key[0] == POSE:
                 known.pose(sample)
@@ -158,7 +158,7 @@ class Evidence:
             self._settle(key, known)
         elif key not in self._doubts:
             name = f"{sample.signal} of {sample.vehicle} from {sample.source}"
-            fault = Fault(sample.t_s, f"{name}: {sample.reason}")
+            fault = CoverageFault(sample.t_s, f"{name}: {sample.reason}")
             self._doubts[key] = (sample, fault)
             self._decide(key, fault)
 
@@ -168,29 +168,29 @@ class Evidence:
         doubted = (_result_of(*doubt) for doubt in self._doubts.values())
         return (*(result for result in seen if result is not None), *doubted)
 
-    def _judged(self) -> list[tuple[_Key, Coverage]]:
+    def _judged(self) -> list[tuple[_Key, SignalCoverage]]:
         return [signal for signal in self._signals.items() if signal[0] not in self._ended]
 
-    def _coverage(self, terms: SignalTerms) -> Coverage:
+    def _coverage(self, terms: SignalTerms) -> SignalCoverage:
         kind = _FLOWN.get(terms.signal)
         if kind is None:
-            return Coverage(terms)
+            return SignalCoverage(terms)
         coverage = kind(terms)
         key = (terms.signal, terms.vehicle)
         self._flown.setdefault(terms.vehicle, []).append((key, coverage))
         return coverage
 
-    def _settle(self, key: _Key, signal: Coverage) -> None:
+    def _settle(self, key: _Key, signal: SignalCoverage) -> None:
         if signal.fault is not None and signal.terms.required and key not in self._decided:
             self._decide(key, signal.fault)
 
-    def _decide(self, key: _Key, fault: Fault) -> None:
+    def _decide(self, key: _Key, fault: CoverageFault) -> None:
         self._decided.add(key)
         source = SOURCE + "/".join(key)
         self.events.append(DecisiveEvent(fault.at_s, "INVALID", fault.reason, source))
 
 
-def _result_of(sample: DoubtSample, fault: Fault) -> EvidenceResult:
+def _result_of(sample: DoubtSample, fault: CoverageFault) -> EvidenceResult:
     """Return the evidence result of a signal in doubt."""
     return EvidenceResult(
         signal=sample.signal,

@@ -2,7 +2,7 @@
 
 from abc import abstractmethod
 
-from wil_campaign.safety.evidence.coverage import Coverage
+from wil_campaign.safety.evidence.coverage import SignalCoverage
 from wil_campaign.safety.evidence.terms import SignalTerms
 from wil_campaign.safety.model.samples import PoseSample, ReferenceSample, StageSample, StateSample
 from wil_campaign.worlds.frames import norm
@@ -15,7 +15,7 @@ _STANDS_S = 3.0
 """The longest time after touchdown until an autopilot reports that the vehicle has landed."""
 
 
-class FlownCoverage(Coverage):
+class FlownCoverage(SignalCoverage):
     """Coverage of a signal of poses; a value that repeats to the last bit in the air is a fault.
 
     Two measurements of a vehicle in the air never agree to the last bit: noise changes the lowest

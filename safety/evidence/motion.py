@@ -4,7 +4,7 @@ import math
 from collections import deque
 from dataclasses import dataclass
 
-from wil_campaign.safety.evidence.agreement import SIGMAS, Accuracy, Disagreement
+from wil_campaign.safety.evidence.agreement import SIGMAS, Disagreement, SourceAccuracy
 from wil_campaign.safety.evidence.flown_coverage import FlownCoverage
 from wil_campaign.safety.evidence.terms import SignalTerms
 from wil_campaign.safety.model.samples import GroundSpeedSample, PoseSample, ReferenceSample
@@ -32,7 +32,7 @@ class VelocityCoverage(FlownCoverage):
 
     def __init__(self, terms: SignalTerms) -> None:
         super().__init__(terms, what="velocity")
-        self._accuracy = terms.accuracy or Accuracy(0.0)
+        self._accuracy = terms.accuracy or SourceAccuracy(0.0)
         self._way: deque[_Integrated] = deque()
         self._waiting: deque[ReferenceSample] = deque()
         self._samples: dict[str, deque[tuple[ReferenceSample, Vec3]]] = {}
@@ -142,7 +142,7 @@ class VelocityCoverage(FlownCoverage):
         before: "_Integrated",
         now: "_Integrated",
         moved_m: Vec3,
-        other: Accuracy,
+        other: SourceAccuracy,
         source: str,
     ) -> None:
         """Compare the velocity's integral with a displacement within the same time."""
@@ -197,7 +197,7 @@ class AttitudeCoverage(FlownCoverage):
 
     def __init__(self, terms: SignalTerms) -> None:
         super().__init__(terms, what="attitude")
-        self._accuracy = terms.accuracy or Accuracy(0.0)
+        self._accuracy = terms.accuracy or SourceAccuracy(0.0)
         self._judged: deque[tuple[float, Vec3]] = deque()
         self._waiting: deque[ReferenceSample] = deque()
         self._sources: dict[str, None] = {}

@@ -6,11 +6,11 @@ from collections.abc import Mapping
 
 from wil_campaign.safety.evidence.agreement import (
     SIGMAS,
-    Accuracy,
-    Agreement,
     Disagreement,
-    OwnVelocity,
+    PositionAgreement,
+    SourceAccuracy,
     StandingStill,
+    VelocityAgreement,
 )
 from wil_campaign.safety.evidence.flown_coverage import FlownCoverage
 from wil_campaign.safety.evidence.terms import SignalTerms
@@ -32,12 +32,12 @@ class PoseCoverage(FlownCoverage):
     def __init__(self, terms: SignalTerms) -> None:
         super().__init__(terms, what="position")
         self._agreements = {
-            source: Agreement(judged=terms.accuracy, other=accuracy, source=source)
+            source: PositionAgreement(judged=terms.accuracy, other=accuracy, source=source)
             for source, accuracy in terms.references.items()
             if terms.accuracy is not None
         }
         states_velocity = terms.accuracy is not None and terms.accuracy.velocity_m_s is not None
-        self._own_velocity = OwnVelocity() if states_velocity else None
+        self._own_velocity = VelocityAgreement() if states_velocity else None
         self._still = StandingStill() if terms.on_grid else None
         self._heading = (
             HeadingAgreement(terms.accuracy, terms.references)
@@ -78,7 +78,7 @@ class PoseCoverage(FlownCoverage):
 
     def pose(self, sample: PoseSample) -> None:
         """Take a pose of the judged source."""
-        if not is_finite(sample):
+        if not is_pose_finite(sample):
             self.find(sample.t_s, NOT_A_NUMBER)
             return
         self.observe(sample.t_s)
@@ -118,7 +118,7 @@ def is_finite_reference(sample: ReferenceSample) -> bool:
     return math.isfinite(total + sample.t_s)
 
 
-def is_finite(sample: PoseSample) -> bool:
+def is_pose_finite(sample: PoseSample) -> bool:
     """Return whether all numbers of a pose are finite."""
     # One sum, because infinities and NaN survive it and a thousand poses come in a second.
     total = sum(sample.pose.position_ned_m) + sum(sample.pose.q_wxyz)
@@ -140,7 +140,7 @@ class HeadingAgreement:
     accuracy: of the estimate. references: of other sources of its pose.
     """
 
-    def __init__(self, accuracy: Accuracy, references: Mapping[str, Accuracy]) -> None:
+    def __init__(self, accuracy: SourceAccuracy, references: Mapping[str, SourceAccuracy]) -> None:
         self._stated_rad = math.sqrt(2.0) * accuracy.attitude_rad
         self._references = references
         self._judged: deque[tuple[float, float]] = deque()

@@ -4,8 +4,8 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from wil_campaign.safety.evidence.agreement import Accuracy
-from wil_campaign.safety.oracles.oracle_terms import FLIGHT, Window
+from wil_campaign.safety.evidence.agreement import SourceAccuracy
+from wil_campaign.safety.oracles.oracle_terms import FLIGHT, StageWindow
 
 MOST_GAP_S = 0.5
 """The longest accepted gap between positions in flight, unless the campaign declares another."""
@@ -40,9 +40,9 @@ class SignalTerms:
     on_grid: bool = False
     by_estimate: bool = False
     permits_dead_reckoning: bool = False
-    window: Window = FLIGHT
-    accuracy: Accuracy | None = None
-    references: Mapping[str, Accuracy] = field(default_factory=dict)
+    window: StageWindow = FLIGHT
+    accuracy: SourceAccuracy | None = None
+    references: Mapping[str, SourceAccuracy] = field(default_factory=dict)
 
 
 def position_limit_s(rate_hz: float, *, judged_every_s: float = 0.0) -> float:

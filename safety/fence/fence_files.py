@@ -24,9 +24,9 @@ from wil_campaign.foundation.files.documents import (
     Document,
     Path,
     Problem,
-    check,
-    parse,
-    read_limited,
+    check_document,
+    parse_document,
+    read_document_bytes,
 )
 from wil_campaign.safety.fence.areas import FenceError, Point2
 from wil_campaign.safety.fence.geographic import (
@@ -38,10 +38,10 @@ from wil_campaign.safety.fence.geographic import (
 )
 from wil_campaign.safety.fence.waypoint_files import (
     ROWS,
-    Row,
+    WaypointRow,
     is_waypoint_list,
-    rows_of,
     waypoint_document,
+    waypoint_rows,
 )
 from wil_campaign.vehicles.mavlink.fence_areas import CIRCLES, POLYGONS, RETURN_POINT
 
@@ -154,7 +154,7 @@ class _Drawing:
 
 def load_fence_file(path: FilePath, name: str) -> Document:
     """Return the document of a fence file. name: what to call it in messages. Raises BadInput."""
-    document = parse_fence_file(read_limited(path, name), name=name)
+    document = parse_fence_file(read_document_bytes(path, name), name=name)
     return replace(document, path=path)
 
 
@@ -166,7 +166,7 @@ def parse_fence_file(content: bytes, *, name: str) -> Document:
     if is_waypoint_list(content):
         return waypoint_document(content, name=name)
     # JSON allows tabs between its tokens; the rest of it is YAML.
-    return parse(content.replace(b"\t", b" "), name=name)
+    return parse_document(content.replace(b"\t", b" "), name=name)
 
 
 def is_fence_file(document: Document) -> bool:
@@ -208,7 +208,7 @@ def read_fence_file(document: Document) -> DrawnFence:
 
 
 def _read_plan(document: Document) -> DrawnFence:
-    plan = check(document, _Plan)
+    plan = check_document(document, _Plan)
     drawing = _Drawing(document)
     for index, drawn in enumerate(plan.geoFence.polygons):
         path: Path = ("geoFence", "polygons", index, "polygon")
@@ -225,17 +225,17 @@ def _read_plan(document: Document) -> DrawnFence:
 
 def _read_waypoints(document: Document) -> DrawnFence:
     drawing = _Drawing(document)
-    rows = list(rows_of(document))
+    rows = list(waypoint_rows(document))
     at = 0
     while at < len(rows):
         at += _draw_items(drawing, rows[at:])
     return drawing.fence(all_of=True)
 
 
-def _draw_items(drawing: _Drawing, rows: Sequence[Row | Path]) -> int:
+def _draw_items(drawing: _Drawing, rows: Sequence[WaypointRow | Path]) -> int:
     """Add the area that a waypoint list's next rows are; return how many rows it has."""
     first = rows[0]
-    if not isinstance(first, Row):
+    if not isinstance(first, WaypointRow):
         drawing.note(first, "a row of a waypoint list has 12 numbers")
     elif first.command in POLYGONS:
         return _draw_corners(drawing, first, rows)
@@ -250,10 +250,12 @@ def _draw_items(drawing: _Drawing, rows: Sequence[Row | Path]) -> int:
     return 1
 
 
-def _draw_corners(drawing: _Drawing, first: Row, rows: Sequence[Row | Path]) -> int:
+def _draw_corners(drawing: _Drawing, first: WaypointRow, rows: Sequence[WaypointRow | Path]) -> int:
     """Add a polygon of a waypoint list, whose rows each state their count; return the count."""
     count = max(1, int(first.first)) if math.isfinite(first.first) else 1
-    corners = [row for row in rows[:count] if isinstance(row, Row) and row.command == first.command]
+    corners = [
+        row for row in rows[:count] if isinstance(row, WaypointRow) and row.command == first.command
+    ]
     if len(corners) != count:
         message = f"a polygon of {first.first:g} corners begins here, and {len(corners)} follow"
         drawing.note(first.path, message)
@@ -383,7 +385,7 @@ def _read_geojson(document: Document) -> DrawnFence:
     drawing = _Drawing(document)
     bare = _BARE.get(str(document.get(("type",))))
     if bare is not None:
-        geometry = check(document, bare)
+        geometry = check_document(document, bare)
         _draw(drawing, ("coordinates",), geometry, _Properties(), inclusion=True)
         return drawing.fence()
     for path, feature in _features(document):
@@ -404,10 +406,10 @@ def _read_geojson(document: Document) -> DrawnFence:
 def _features(document: Document) -> Iterator[tuple[Path, _Feature]]:
     kind = document.get(("type",))
     if kind == "FeatureCollection":
-        for index, each in enumerate(check(document, _Collection).features):
+        for index, each in enumerate(check_document(document, _Collection).features):
             yield ("features", index), each
     elif kind == "Feature":
-        yield (), check(document, _Feature)
+        yield (), check_document(document, _Feature)
     else:
         message = "a fence is polygons, or features or a FeatureCollection of polygons and points"
         raise BadInput([document.problem(("type",), message)])

@@ -20,14 +20,14 @@ from wil_campaign.safety.fence.areas import (
     require_finite,
 )
 from wil_campaign.safety.fence.stopping import (
-    Motion,
+    VehicleMotion,
     longest_path_m,
     stopping_path,
     velocities_ahead,
 )
 from wil_campaign.worlds.frames import Vec3, lerp
 
-__all__ = ["Area", "Breach", "Circle", "Fence", "FenceError", "Polygon"]
+__all__ = ["Area", "Circle", "Fence", "FenceBreach", "FenceError", "Polygon"]
 
 _SHORTEST_STEP_M = 0.01
 """The shortest step along a path that is checked close to a boundary."""
@@ -45,7 +45,7 @@ _COMPASS = (
 
 
 @dataclass(frozen=True, slots=True)
-class Breach:
+class FenceBreach:
     """A breach of the geofence: which boundary is or will be crossed, and where.
 
     margin_m: signed distance to that boundary now (positive inside). predicted: the vehicle is
@@ -135,12 +135,12 @@ class Fence:
 
     def breached(
         self,
-        motion: Motion,
+        motion: VehicleMotion,
         *,
         latency_s: float,
         braking_m_s2: float,
         keep_m: float = 0.0,
-    ) -> Breach | None:
+    ) -> FenceBreach | None:
         """Return the geofence breach of a vehicle not `keep_m` inside, or unable to stop there.
 
         Its velocity may stay, change by its acceleration, or follow its command: each is checked.
@@ -150,7 +150,7 @@ class Fence:
         place = motion.position_ned_m
         margin_m = self.margin_m(place)
         if margin_m < keep_m:
-            return Breach(margin_m, False, place, self.boundary(place))
+            return FenceBreach(margin_m, False, place, self.boundary(place))
         longest_m = longest_path_m(motion, latency_s=latency_s, braking_m_s2=braking_m_s2)
         if longest_m < margin_m - keep_m - _ROUNDING_M:
             return None  # Nearly always; checking the paths takes ten times as long.
@@ -163,7 +163,7 @@ class Fence:
             point = point or self._first_point_outside(begin, path.end_ned_m, keep_m)
             if point is not None:
                 margin_m = self._boundary_margins_m(place)[self._nearest_kind(point)]
-                return Breach(margin_m, True, point, self.boundary(point))
+                return FenceBreach(margin_m, True, point, self.boundary(point))
         return None
 
     def boundary(self, position_ned_m: Vec3) -> str:

@@ -17,14 +17,14 @@ _QUARTER = 16
 """Segments of a quarter circle; the polygon is drawn around the circle."""
 
 
-def separation_m(one: Fence, other: Fence) -> float:
+def fence_separation_m(one: Fence, other: Fence) -> float:
     """Return the distance between the areas of two fences; 0 where they meet or have no edge."""
     if not one.inclusions or not other.inclusions:
         return 0.0
     return float(shapely.distance(_inside(one), _inside(other)))
 
 
-def moved(fence: Fence, *, start: Pose, to: Pose) -> Fence:
+def moved_fence(fence: Fence, *, start: Pose, to: Pose) -> Fence:
     """Return a fence moved with a vehicle that is at `to` but takes that for `start`."""
     anchor = Anchor.of_poses(local=start, world=to)
 

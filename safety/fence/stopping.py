@@ -12,8 +12,8 @@ from wil_campaign.worlds.frames import Vec3, add, norm, scale, subtract
 
 __all__ = [
     "AccelerationEstimate",
-    "Motion",
     "StoppingPath",
+    "VehicleMotion",
     "longest_path_m",
     "stopping_path",
     "velocities_ahead",
@@ -30,7 +30,7 @@ _APART_S = 0.05
 """The least time between stored velocities, whatever the rate of their source."""
 
 
-class Motion(NamedTuple):
+class VehicleMotion(NamedTuple):
     """A vehicle's position and velocity in the world frame, and what changes the velocity.
 
     acceleration_ned_m_s2: as observed. commanded_ned_m_s: the commanded velocity; None if the
@@ -51,7 +51,9 @@ class StoppingPath(NamedTuple):
     length_m: float
 
 
-def velocities_ahead(motion: Motion, *, latency_s: float, braking_m_s2: float) -> Iterator[Vec3]:
+def velocities_ahead(
+    motion: VehicleMotion, *, latency_s: float, braking_m_s2: float
+) -> Iterator[Vec3]:
     """Yield the velocities that a vehicle may have when it begins to brake.
 
     First the present one; then the commanded one or, where that is not known, the one after its
@@ -70,7 +72,7 @@ def velocities_ahead(motion: Motion, *, latency_s: float, braking_m_s2: float) -
         yield add(velocity, _at_most(change, 0.5 * most))
 
 
-def longest_path_m(motion: Motion, *, latency_s: float, braking_m_s2: float) -> float:
+def longest_path_m(motion: VehicleMotion, *, latency_s: float, braking_m_s2: float) -> float:
     """Return an upper bound of the length of the stopping paths of this motion.
 
     A velocity towards a commanded one is no faster than the faster of the two; one changed by an
@@ -86,7 +88,7 @@ def longest_path_m(motion: Motion, *, latency_s: float, braking_m_s2: float) -> 
 
 
 def stopping_path(
-    motion: Motion, velocity_then_ned_m_s: Vec3, *, latency_s: float, braking_m_s2: float
+    motion: VehicleMotion, velocity_then_ned_m_s: Vec3, *, latency_s: float, braking_m_s2: float
 ) -> StoppingPath:
     """Return the path of a vehicle that is commanded to stop now.
 

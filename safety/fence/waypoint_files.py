@@ -22,7 +22,7 @@ _HOME = 16
 """MAV_CMD_NAV_WAYPOINT: the command of home, which is no item of a fence."""
 
 
-class Row(NamedTuple):
+class WaypointRow(NamedTuple):
     """A row of a waypoint list: its path in the document, and what it says.
 
     first: its first parameter.
@@ -45,23 +45,25 @@ def waypoint_document(content: bytes, *, name: str) -> Document:
     return rows_document(content, name=name, key=ROWS, value=_value)
 
 
-def rows_of(document: Document) -> Iterator[Row | Path]:
+def waypoint_rows(document: Document) -> Iterator[WaypointRow | Path]:
     """Yield a waypoint list's rows without home; the path alone of one that is no row."""
     rows = document.get((ROWS,))
     for index, row in enumerate(rows if isinstance(rows, list) else []):
         found = _row((ROWS, index), row)
-        is_home = index == 0 and isinstance(found, Row) and found.command == _HOME
+        is_home = index == 0 and isinstance(found, WaypointRow) and found.command == _HOME
         if not is_home:
             yield found
 
 
-def _row(path: Path, row: Data) -> Row | Path:
+def _row(path: Path, row: Data) -> WaypointRow | Path:
     """Return a row of a waypoint list; its path where it is not twelve numbers."""
     words = row if isinstance(row, list) else []
     numbers = [one for one in words if isinstance(one, int | float) and math.isfinite(one)]
     if len(words) != _COLUMNS or len(numbers) != _COLUMNS:
         return path
-    return Row(path, int(numbers[3]), float(numbers[4]), float(numbers[8]), float(numbers[9]))
+    return WaypointRow(
+        path, int(numbers[3]), float(numbers[4]), float(numbers[8]), float(numbers[9])
+    )
 
 
 def _value(word: str) -> str | int | float:

@@ -5,9 +5,9 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from typing import Self
 
-from wil_campaign.foundation.tasks import Contained
+from wil_campaign.foundation.tasks import SuppressedErrors
 from wil_campaign.safety.guard.core.commands import Command
-from wil_campaign.safety.guard.core.contingency import Phase
+from wil_campaign.safety.guard.core.contingency import ContingencyPhase
 from wil_campaign.safety.guard.core.events import GuardEvent
 from wil_campaign.safety.model.samples import PoseSample
 
@@ -27,7 +27,7 @@ class Guard(ABC):
 
     @property
     @abstractmethod
-    def phases(self) -> Mapping[str, Phase]:
+    def phases(self) -> Mapping[str, ContingencyPhase]:
         """Return the contingency phase of each vehicle in the guard."""
 
     @abstractmethod
@@ -69,7 +69,7 @@ class Guard(ABC):
     def _report(self, event: GuardEvent) -> None:
         self.events.append(event)
         for listener in self._listeners:
-            with Contained(f"a listener to the guard ({event.kind})"):
+            with SuppressedErrors(f"a listener to the guard ({event.kind})"):
                 listener(event)
 
 

@@ -10,9 +10,9 @@ from contextlib import AsyncExitStack
 from dataclasses import dataclass
 from typing import Self
 
-from wil_campaign.foundation.tasks import FAULTS, report
+from wil_campaign.foundation.tasks import FAULTS, report_task_error
 from wil_campaign.safety.guard.core.commands import CoreMessage, StartOutage
-from wil_campaign.safety.guard.core.contingency import ContingencyPlan, Phase
+from wil_campaign.safety.guard.core.contingency import ContingencyPhase, ContingencyPlan
 from wil_campaign.safety.guard.core.events import (
     GuardedVehicle,
     GuardEvent,
@@ -20,7 +20,7 @@ from wil_campaign.safety.guard.core.events import (
     Outputs,
     ToOrchestrator,
     ToVehicle,
-    unrecorded,
+    unrecorded_event,
 )
 from wil_campaign.safety.guard.core.guard_core import GuardCore
 from wil_campaign.safety.guard.guard import Guard
@@ -89,7 +89,7 @@ class LocalGuard(Guard):
         return self._start_s
 
     @property
-    def phases(self) -> dict[str, Phase]:
+    def phases(self) -> dict[str, ContingencyPhase]:
         """Return the contingency phase of each vehicle in the local guard."""
         return self.core.phases
 
@@ -235,9 +235,9 @@ class LocalGuard(Guard):
                 record(name, t_s, frame)
         except OSError as error:
             self._unrecorded.add(name)
-            return [unrecorded(name, t_s, error)]
+            return [unrecorded_event(name, t_s, error)]
         except FAULTS as error:
-            report(error, "the record of frames")
+            report_task_error(error, "the record of frames")
         return []
 
     @staticmethod

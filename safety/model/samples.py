@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
 from wil_campaign.safety.fence.geofence import Fence
-from wil_campaign.vehicles.autopilots.autopilot import Mode
+from wil_campaign.vehicles.autopilots.autopilot import FlightMode
 from wil_campaign.worlds.frames import Pose, Quat, Vec3
 
 Stage = Literal["takeoff", "at_height", "goal", "done", "land", "landed", "end"]
@@ -40,7 +40,7 @@ class StateSample:
     t_s: float
     vehicle: str
     armed: bool
-    mode: Mode
+    mode: FlightMode
     mode_name: str = ""
     landed: bool | None = None
     fault: str | None = None

@@ -7,7 +7,7 @@ from types import MappingProxyType
 from typing import Literal
 
 from wil_campaign.safety.model.oracle_results import OracleResult, Verdict
-from wil_campaign.worlds.figures import distinct_text
+from wil_campaign.worlds.figures import distinct_value_text
 
 GOAL_TIMEOUT = "goal"
 """The source of the event that the autonomy was not done within the time of its goal."""
@@ -48,7 +48,7 @@ class DecisiveEvent:
 
 
 @dataclass(frozen=True, slots=True)
-class Decision:
+class RunDecision:
     """The decision: the verdict, its reason in a sentence (empty for PASS), and later events.
 
     source, note, trace: of the event that decided; empty for PASS, and where it has none. at_s:
@@ -64,12 +64,12 @@ class Decision:
     at_s: float = math.inf
 
 
-def source_of(oracle: str, vehicle: str) -> str:
+def event_source_of(oracle: str, vehicle: str) -> str:
     """Return the source of an oracle's events in the verdict."""
     return f"{oracle}/{vehicle}"
 
 
-def decide(
+def decide_verdict(
     events: Iterable[DecisiveEvent],
     results: Iterable[OracleResult],
     *,
@@ -77,7 +77,7 @@ def decide(
     completed: bool = True,
     timeouts: Collection[str] = (),
     worst: Mapping[str, str] = MappingProxyType({}),
-) -> Decision:
+) -> RunDecision:
     """Return the verdict: the first decisive event wins, PASS only when there is none.
 
     A required oracle's FAIL or INVALID is an event at its `at_s`, at `end_s` when it has none, and
@@ -90,14 +90,16 @@ def decide(
     known = [_with_worst(event, worst) for event in events]
     reported = {event.source for event in known if event.source}
     failed = [r for r in results if r.required and r.verdict != "PASS"]
-    known += [_event_of(r, end_s) for r in failed if source_of(r.name, r.vehicle) not in reported]
+    known += [
+        _event_of(r, end_s) for r in failed if event_source_of(r.name, r.vehicle) not in reported
+    ]
     if not known and not completed:
         known.append(DecisiveEvent(end_s, "ERROR", "the flight was not completed"))
     if not known:
-        return Decision("PASS", "")
+        return RunDecision("PASS", "")
     # A failure that is known at the end only is later than events of the same time.
     at_end = {
-        source_of(oracle_result.name, oracle_result.vehicle)
+        event_source_of(oracle_result.name, oracle_result.vehicle)
         for oracle_result in failed
         if oracle_result.at_s is None
     } - reported
@@ -109,7 +111,7 @@ def decide(
         ordered.sort(key=lambda event: event.source != cause)
         ordered[0] = replace(ordered[0], text=f"{ordered[0].text}; {time_is_up}")
     first, *later = ordered
-    return Decision(
+    return RunDecision(
         first.kind, first.text, tuple(later), first.source, first.note, first.trace, at_s
     )
 
@@ -127,7 +129,9 @@ def _first_unreached(failed: Iterable[OracleResult], timeouts: Collection[str]) 
         for oracle_result in failed
         if oracle_result.verdict == "FAIL" and oracle_result.at_s is None
     )
-    sources = (source_of(oracle_result.name, oracle_result.vehicle) for oracle_result in waited)
+    sources = (
+        event_source_of(oracle_result.name, oracle_result.vehicle) for oracle_result in waited
+    )
     return next((source for source in sources if source not in timeouts), None)
 
 
@@ -156,9 +160,9 @@ def _event_of(result: OracleResult, end_s: float) -> DecisiveEvent:
     if result.detail:
         text += f": {result.detail}"
     elif result.actual is not None:
-        shown = distinct_text(result.actual, _exceeded(result), digits=3)
+        shown = distinct_value_text(result.actual, _exceeded(result), digits=3)
         text += f": {shown} {result.unit} against {_limit(result)} {result.unit}"
-    return DecisiveEvent(at_s, kind, text, source_of(result.name, result.vehicle))
+    return DecisiveEvent(at_s, kind, text, event_source_of(result.name, result.vehicle))
 
 
 def _exceeded(result: OracleResult) -> float:

@@ -11,12 +11,12 @@ from wil_campaign.safety.fence.fence_schema import FencePart
 from wil_campaign.safety.fence.geofence import Fence
 from wil_campaign.safety.model.samples import FenceSample, PoseSample
 from wil_campaign.safety.oracles.limit_oracle import (
-    Band,
+    BandParameters,
     LimitOracle,
     band_limits,
-    beside_limit,
-    limit_of,
-    margin_of,
+    shown_limit,
+    signed_margin,
+    value_beside_limit,
 )
 from wil_campaign.safety.oracles.oracle import (
     NO_FLAGS,
@@ -24,14 +24,14 @@ from wil_campaign.safety.oracles.oracle import (
     Oracle,
     OracleContext,
     OracleError,
+    OracleTerms,
     SignalLimit,
-    Terms,
     Windowed,
     oracle,
 )
 
 
-class AltitudeParameters(Band):
+class AltitudeParameters(BandParameters):
     """min_m, max_m: the area's heights over the world's origin, metres, positive up."""
 
     min_m: Annotated[
@@ -52,7 +52,7 @@ class AreaParameters(Windowed):
         return self
 
 
-class Geofence(LimitOracle):
+class GeofenceOracle(LimitOracle):
     """The oracle of the fence's area; its floor holds from at_height to the landing only.
 
     actual: the smallest signed distance to the boundary, positive inside; limit 0. The oracle
@@ -60,7 +60,7 @@ class Geofence(LimitOracle):
     """
 
     def __init__(
-        self, terms: Terms, *, fence: Fence, what: str = "the fence", changes: bool = True
+        self, terms: OracleTerms, *, fence: Fence, what: str = "the fence", changes: bool = True
     ) -> None:
         super().__init__(terms, unit="m", limit=0.0)
         self._fence = fence
@@ -94,13 +94,13 @@ class Geofence(LimitOracle):
         return f"{figure.removeprefix('-')} m outside"
 
 
-class Altitude(LimitOracle):
+class AltitudeOracle(LimitOracle):
     """The oracle of the altitude; the lower limit from at_height to the landing only."""
 
     def __init__(
-        self, terms: Terms, *, min_m: float | None = None, max_m: float | None = None
+        self, terms: OracleTerms, *, min_m: float | None = None, max_m: float | None = None
     ) -> None:
-        super().__init__(terms, unit="m", limit=limit_of(min_m, max_m))
+        super().__init__(terms, unit="m", limit=shown_limit(min_m, max_m))
         self._min_m = min_m
         self._max_m = max_m
 
@@ -112,13 +112,14 @@ class Altitude(LimitOracle):
         if low_m is None and self._max_m is None:
             return NO_FLAGS
         up_m = -sample.pose.position_ned_m[2]
-        margin_m = margin_of(up_m, low_m, self._max_m)
+        margin_m = signed_margin(up_m, low_m, self._max_m)
         return self.judge_margin(
             sample.t_s,
             up_m,
             margin_m,
             lambda: (
-                f"{self.vehicle} is at a height of " + beside_limit(up_m, low_m, self._max_m, "m")
+                f"{self.vehicle} is at a height of "
+                + value_beside_limit(up_m, low_m, self._max_m, "m")
             ),
         )
 
@@ -135,24 +136,24 @@ def _limits_of_fence(part: Mapping[str, Data]) -> Iterator[SignalLimit]:
     Windowed,
     limits=_limits_of_fence,
 )
-def geofence(terms: Terms, parameters: Windowed, context: OracleContext) -> Oracle:
+def geofence(terms: OracleTerms, parameters: Windowed, context: OracleContext) -> Oracle:
     """Return the oracle of the fence's area. Raises OracleError when the campaign has none."""
     del parameters
     if context.fence is None:
         raise OracleError(
             f"oracle {terms.name!r}: the campaign has no geofence for {context.vehicle!r}"
         )
-    return Geofence(terms, fence=context.fence)
+    return GeofenceOracle(terms, fence=context.fence)
 
 
 @oracle("area", "stays in an area of the campaign's own, which no guard watches", AreaParameters)
-def area(terms: Terms, parameters: AreaParameters, context: OracleContext) -> Oracle:
+def area(terms: OracleTerms, parameters: AreaParameters, context: OracleContext) -> Oracle:
     """Return the oracle of an area. Raises OracleError when it is no place in this world."""
     try:
         fence = parameters.keep.fence(context.frame)
     except FenceError as error:
         raise OracleError(f"oracle {terms.name!r}: {error}", key="keep") from error
-    return Geofence(terms, fence=fence, what="its area", changes=False)
+    return GeofenceOracle(terms, fence=fence, what="its area", changes=False)
 
 
 @oracle(
@@ -161,7 +162,7 @@ def area(terms: Terms, parameters: AreaParameters, context: OracleContext) -> Or
     AltitudeParameters,
     limits=lambda part: band_limits(part, "up_m"),
 )
-def altitude(terms: Terms, parameters: AltitudeParameters, context: OracleContext) -> Oracle:
+def altitude(terms: OracleTerms, parameters: AltitudeParameters, context: OracleContext) -> Oracle:
     """Return the oracle of the altitude."""
     del context
-    return Altitude(terms, min_m=parameters.min_m, max_m=parameters.max_m)
+    return AltitudeOracle(terms, min_m=parameters.min_m, max_m=parameters.max_m)

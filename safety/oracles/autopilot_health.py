@@ -8,20 +8,20 @@ from wil_campaign.foundation.files.documents import KeyFaultError
 from wil_campaign.safety.model.oracle_results import OracleResult
 from wil_campaign.safety.model.samples import StageSample, StateSample
 from wil_campaign.safety.model.signals import battery_percent
-from wil_campaign.safety.oracles.limit_oracle import LimitOracle, beside_limit
+from wil_campaign.safety.oracles.limit_oracle import LimitOracle, value_beside_limit
 from wil_campaign.safety.oracles.oracle import (
     NO_FLAGS,
     Flags,
     Oracle,
     OracleContext,
-    Terms,
+    OracleTerms,
     Windowed,
     oracle,
 )
 from wil_campaign.safety.oracles.oracle_terms import ON_GOAL
 
 ModeName = Literal["hold", "takeoff", "guided", "land", "rtl", "mission", "pilot", "other"]
-"""The values of `wil_campaign.vehicles.autopilots.autopilot.Mode`."""
+"""The values of `wil_campaign.vehicles.autopilots.autopilot.FlightMode`."""
 
 
 class EstimatorParameters(Windowed):
@@ -68,12 +68,12 @@ class ModesParameters(Windowed):
         return self
 
 
-class Estimator(Oracle):
+class EstimatorOracle(Oracle):
     """The oracle of the autopilot's estimator health: unsound no longer than the limit."""
 
     reports = frozenset({"estimator"})
 
-    def __init__(self, terms: Terms, *, max_unsound_s: float) -> None:
+    def __init__(self, terms: OracleTerms, *, max_unsound_s: float) -> None:
         super().__init__(terms)
         self._max_s = max_unsound_s
         self._seen = False
@@ -136,12 +136,14 @@ class Estimator(Oracle):
         return bool(fault) and (lasted_s > self._max_s or self._max_s == 0.0)
 
 
-class Battery(LimitOracle):
+class BatteryOracle(LimitOracle):
     """The oracle of battery health: a least charge or voltage."""
 
     reports = frozenset({"battery"})
 
-    def __init__(self, terms: Terms, *, min_percent: float | None, min_v: float | None) -> None:
+    def __init__(
+        self, terms: OracleTerms, *, min_percent: float | None, min_v: float | None
+    ) -> None:
         self._in_percent = min_percent is not None
         self._least = min_v or 0.0 if min_percent is None else min_percent
         super().__init__(
@@ -170,7 +172,7 @@ class Battery(LimitOracle):
             value - self._least,
             lambda: (
                 f"{self.vehicle}: battery at "
-                + beside_limit(value, self._least, None, unit, digits=1)
+                + value_beside_limit(value, self._least, None, unit, digits=1)
             ),
         )
 
@@ -185,13 +187,13 @@ class Battery(LimitOracle):
         )
 
 
-class Modes(Oracle):
+class ModesOracle(Oracle):
     """The oracle of the autopilot's modes: allowed ones only, and few enough changes."""
 
     reports = frozenset({"heartbeat"})
 
     def __init__(
-        self, terms: Terms, *, allowed: tuple[ModeName, ...], max_changes: int | None
+        self, terms: OracleTerms, *, allowed: tuple[ModeName, ...], max_changes: int | None
     ) -> None:
         super().__init__(terms)
         self._allowed = frozenset(allowed)
@@ -242,21 +244,23 @@ class Modes(Oracle):
 
 
 @oracle("estimator", "has a healthy estimator in flight", EstimatorParameters)
-def estimator(terms: Terms, parameters: EstimatorParameters, context: OracleContext) -> Oracle:
+def estimator(
+    terms: OracleTerms, parameters: EstimatorParameters, context: OracleContext
+) -> Oracle:
     """Return the oracle of the autopilot's estimator health."""
     del context
-    return Estimator(terms, max_unsound_s=parameters.max_unsound_s)
+    return EstimatorOracle(terms, max_unsound_s=parameters.max_unsound_s)
 
 
 @oracle("battery", "keeps at least a charge or voltage", BatteryParameters)
-def battery(terms: Terms, parameters: BatteryParameters, context: OracleContext) -> Oracle:
+def battery(terms: OracleTerms, parameters: BatteryParameters, context: OracleContext) -> Oracle:
     """Return the oracle of the battery's health."""
     del context
-    return Battery(terms, min_percent=parameters.min_percent, min_v=parameters.min_v)
+    return BatteryOracle(terms, min_percent=parameters.min_percent, min_v=parameters.min_v)
 
 
 @oracle("modes", "flies in the allowed modes only", ModesParameters, window=ON_GOAL)
-def modes(terms: Terms, parameters: ModesParameters, context: OracleContext) -> Oracle:
+def modes(terms: OracleTerms, parameters: ModesParameters, context: OracleContext) -> Oracle:
     """Return the oracle of the autopilot's mode changes."""
     del context
-    return Modes(terms, allowed=parameters.allowed, max_changes=parameters.max_changes)
+    return ModesOracle(terms, allowed=parameters.allowed, max_changes=parameters.max_changes)

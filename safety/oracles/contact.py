@@ -13,16 +13,16 @@ from wil_campaign.safety.oracles.limit_oracle import band_limits
 from wil_campaign.safety.oracles.oracle import (
     NO_FLAGS,
     Flags,
+    ObjectSeparation,
     Oracle,
     OracleContext,
     OracleError,
-    Probe,
-    Separation,
-    Terms,
+    OracleTerms,
     Windowed,
+    WorldProbe,
     oracle,
 )
-from wil_campaign.worlds.figures import distinct_text
+from wil_campaign.worlds.figures import distinct_value_text
 
 CLEAR_AGAIN_M = 0.02
 """A contact is over when the clearance exceeds this, so that noise does not count it twice."""
@@ -48,12 +48,12 @@ class ClearanceParameters(ContactParameters):
     min_m: float = Field(gt=0, description="the clearance to be kept")
 
 
-def part_name(separation: Separation) -> str:
+def touched_part_name(separation: ObjectSeparation) -> str:
     """Return the touched part's name: "gate.left", or the object where it has no parts."""
     return f"{separation.object_name}.{separation.part_name}".rstrip(".")
 
 
-class Limits(Mapping[tuple[str, bool], float]):
+class ContactLimits(Mapping[tuple[str, bool], float]):
     """The clearance or contact limit of each object, by name and whether it is a floor."""
 
     def __init__(self) -> None:
@@ -73,7 +73,7 @@ class Limits(Mapping[tuple[str, bool], float]):
         return 0
 
 
-class Clearance(Oracle):
+class ClearanceOracle(Oracle):
     """The oracle of contact or clearance, from takeoff command to landing by default.
 
     While the vehicle takes off (until at_height) and lands (from land on), the ground does not
@@ -84,7 +84,7 @@ class Clearance(Oracle):
 
     def __init__(
         self,
-        terms: Terms,
+        terms: OracleTerms,
         *,
         context: OracleContext,
         min_m: float = 0.0,
@@ -95,7 +95,7 @@ class Clearance(Oracle):
         super().__init__(terms)
         if context.probe is None:
             raise OracleError(f"oracle {self.name!r} needs the world of {self.vehicle!r}")
-        self._probe: Probe = context.probe.reaching(_reach_m(min_m))
+        self._probe: WorldProbe = context.probe.reaching(_reach_m(min_m))
         if over_ground and context.ground_down_m is not None:
             self._probe = self._probe.above(context.ground_down_m)
         self._events = context.events
@@ -104,10 +104,10 @@ class Clearance(Oracle):
         self._ground = frozenset(ground) | self._exclude
         self._last: PoseSample | None = None
         self._seen = False
-        self._worst: Separation | None = None
+        self._worst: ObjectSeparation | None = None
         self._below_s: float | None = None
         self._near: set[tuple[str, bool]] = set()
-        self._limits = Limits()
+        self._limits = ContactLimits()
 
     def on_pose(self, sample: PoseSample) -> Flags:
         """Sweep from the last pose to this one for contact."""
@@ -146,7 +146,7 @@ class Clearance(Oracle):
             unit="m",
             margin=actual_m - self._min_m,
             at_s=worst.at_s,
-            detail=f"{word} {part_name(worst)}",
+            detail=f"{word} {touched_part_name(worst)}",
         )
 
     @property
@@ -156,12 +156,12 @@ class Clearance(Oracle):
         is_later = worst is not None and self._below_s is not None and worst.at_s > self._below_s
         if worst is None or not is_later or self._min_m == 0.0:
             return ""
-        return f"at worst {distinct_text(worst.clearance_m, self._min_m, digits=3)} m"
+        return f"at worst {distinct_value_text(worst.clearance_m, self._min_m, digits=3)} m"
 
-    def _limits_kept(self, separation: Separation) -> bool:
+    def _limits_kept(self, separation: ObjectSeparation) -> bool:
         return separation.clearance_m > 0.0 and separation.clearance_m >= self._min_m
 
-    def _judge(self, swept: tuple[Separation, ...]) -> Flags:
+    def _judge(self, swept: tuple[ObjectSeparation, ...]) -> Flags:
         """Return flags of new contacts and clearances below the limit."""
         flags: Flags = NO_FLAGS
         still_near: set[tuple[str, bool]] = set()
@@ -181,16 +181,16 @@ class Clearance(Oracle):
         self._near = still_near
         return flags
 
-    def _text(self, separation: Separation) -> str:
-        part = part_name(separation)
+    def _text(self, separation: ObjectSeparation) -> str:
+        part = touched_part_name(separation)
         if separation.clearance_m <= 0.0:
             return f"{self.vehicle} touched {part}"
-        near_m = distinct_text(separation.clearance_m, self._min_m, digits=3)
+        near_m = distinct_value_text(separation.clearance_m, self._min_m, digits=3)
         limit = f"the limit is {self._min_m:g} m"
         return f"{self.vehicle} came within {near_m} m of {part}; {limit}"
 
 
-def margin_beyond(result: OracleResult) -> float | None:
+def exceeded_margin_m(result: OracleResult) -> float | None:
     """Return what a margin exceeds, in metres, where nothing came near; None for other results.
 
     Such a PASS has a limit, but neither a worst value nor a margin.
@@ -206,7 +206,7 @@ def _reach_m(min_m: float) -> float:
     return max(REACH_M, min_m + CLEAR_AGAIN_M)
 
 
-class Collision(Clearance):
+class CollisionOracle(ClearanceOracle):
     """The oracle of contact with things, and with the ground between at_height and land.
 
     The ground is touched by the judged poses, or by the vehicle's own report: an estimate may drift
@@ -215,7 +215,7 @@ class Collision(Clearance):
 
     def __init__(
         self,
-        terms: Terms,
+        terms: OracleTerms,
         *,
         context: OracleContext,
         exclude: Iterable[str],
@@ -251,9 +251,11 @@ _REPORTED = "reported that it is on the ground before it was to land"
 
 
 @oracle("collision", "touches nothing of the judged world", ContactParameters)
-def collision(terms: Terms, parameters: ContactParameters, context: OracleContext) -> Oracle:
+def collision(terms: OracleTerms, parameters: ContactParameters, context: OracleContext) -> Oracle:
     """Return the oracle that fails on any contact."""
-    return Collision(terms, context=context, exclude=parameters.exclude, ground=parameters.ground)
+    return CollisionOracle(
+        terms, context=context, exclude=parameters.exclude, ground=parameters.ground
+    )
 
 
 @oracle(
@@ -262,9 +264,11 @@ def collision(terms: Terms, parameters: ContactParameters, context: OracleContex
     ClearanceParameters,
     limits=lambda part: band_limits(part, "clearance_m", high=""),
 )
-def clearance(terms: Terms, parameters: ClearanceParameters, context: OracleContext) -> Oracle:
+def clearance(
+    terms: OracleTerms, parameters: ClearanceParameters, context: OracleContext
+) -> Oracle:
     """Return the oracle that fails when the clearance (0 is contact) falls below a limit."""
-    return Clearance(
+    return ClearanceOracle(
         terms,
         context=context,
         min_m=parameters.min_m,

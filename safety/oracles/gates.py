@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 
 from wil_campaign.worlds.frames import Vec3, rotate
-from wil_campaign.worlds.scene.parts import Crossing, Opening
+from wil_campaign.worlds.scene.parts import ObjectOpening, OpeningCrossing
 from wil_campaign.worlds.scene.scene import Scene, SceneObject
 
 _CLOSE_M = 1e-6
@@ -13,7 +13,7 @@ _CLOSE_M = 1e-6
 class SceneGate:
     """One gate opening of an object, in the world's coordinates (NED metres)."""
 
-    def __init__(self, thing: SceneObject, opening: Opening) -> None:
+    def __init__(self, thing: SceneObject, opening: ObjectOpening) -> None:
         self._thing = thing
         self._opening = opening
         at_rest = thing.pose.compose(opening.pose)
@@ -41,7 +41,7 @@ class SceneGate:
 
     def crossing(
         self, p_0: Vec3, t_0: float, p_1: Vec3, t_1: float, events: Mapping[str, float]
-    ) -> Crossing | None:
+    ) -> OpeningCrossing | None:
         """Return where the path between two points crosses the gate's plane."""
         local_0 = self._thing.pose_at(t_0, events).to_local(p_0)
         local_1 = self._thing.pose_at(t_1, events).to_local(p_1)

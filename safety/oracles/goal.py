@@ -10,8 +10,8 @@ from wil_campaign.safety.oracles.oracle import (
     Oracle,
     OracleContext,
     OracleError,
-    Terms,
-    Window,
+    OracleTerms,
+    StageWindow,
     Windowed,
     oracle,
 )
@@ -48,13 +48,13 @@ _AT: dict[LastStage, str] = {
 }
 
 
-class ReachedPosition(Oracle):
+class ReachedPositionOracle(Oracle):
     """The oracle of the goal's position: within a tolerance between goal and landing.
 
     actual: the smallest distance; limit: the tolerance.
     """
 
-    def __init__(self, terms: Terms, *, target_ned_m: Vec3, tolerance_m: float) -> None:
+    def __init__(self, terms: OracleTerms, *, target_ned_m: Vec3, tolerance_m: float) -> None:
         super().__init__(terms)
         self._target_ned_m = target_ned_m
         self._tolerance_m = tolerance_m
@@ -93,10 +93,10 @@ class ReachedPosition(Oracle):
         )
 
 
-class TimeLimit(Oracle):
+class TimeLimitOracle(Oracle):
     """The oracle of the time between two stages: by default from the goal to done."""
 
-    def __init__(self, terms: Terms, *, limit_s: float) -> None:
+    def __init__(self, terms: OracleTerms, *, limit_s: float) -> None:
         super().__init__(terms)
         self._limit_s = limit_s
         self._flagged = False
@@ -153,12 +153,12 @@ class TimeLimit(Oracle):
     at_the_end=True,
 )
 def reached_position(
-    terms: Terms, parameters: ReachedPositionParameters, context: OracleContext
+    terms: OracleTerms, parameters: ReachedPositionParameters, context: OracleContext
 ) -> Oracle:
     """Return the oracle of a position goal. Raises OracleError when the goal has no position."""
     if context.target_ned_m is None:
         raise OracleError(f"oracle {terms.name!r}: the goal names no position")
-    return ReachedPosition(
+    return ReachedPositionOracle(
         terms, target_ned_m=context.target_ned_m, tolerance_m=parameters.tolerance_m
     )
 
@@ -167,10 +167,12 @@ def reached_position(
     "time_limit",
     "gets from one stage to another within limit_s",
     TimeLimitParameters,
-    window=Window("goal", "done"),
+    window=StageWindow("goal", "done"),
     fail_fast=True,
 )
-def time_limit(terms: Terms, parameters: TimeLimitParameters, context: OracleContext) -> Oracle:
+def time_limit(
+    terms: OracleTerms, parameters: TimeLimitParameters, context: OracleContext
+) -> Oracle:
     """Return the oracle of the time from the goal to done, or between two stages."""
     del context
-    return TimeLimit(terms, limit_s=parameters.limit_s)
+    return TimeLimitOracle(terms, limit_s=parameters.limit_s)

@@ -11,18 +11,18 @@ from wil_campaign.safety.oracles.oracle import (
     NO_FLAGS,
     Flags,
     Oracle,
+    OracleTerms,
     SignalLimit,
-    Terms,
     Windowed,
 )
-from wil_campaign.worlds.figures import distinct_text
+from wil_campaign.worlds.figures import distinct_value_text
 
 
 class LimitOracle(Oracle):
     """The base of oracles with limits: keeps the least margin; flags when it becomes negative."""
 
     def __init__(
-        self, terms: Terms, *, unit: str, limit: Limit, nothing: str = "no pose seen"
+        self, terms: OracleTerms, *, unit: str, limit: Limit, nothing: str = "no pose seen"
     ) -> None:
         super().__init__(terms)
         self._unit = unit
@@ -53,7 +53,7 @@ class LimitOracle(Oracle):
         margin, actual, _ = self._worst
         # The limit is as far on one of both sides.
         limits = (actual - margin, actual + margin)
-        figure = max((distinct_text(actual, limit) for limit in limits), key=len)
+        figure = max((distinct_value_text(actual, limit) for limit in limits), key=len)
         return f"at worst {self.worst_figure(figure)}"
 
     def worst_figure(self, figure: str) -> str:
@@ -76,24 +76,26 @@ class LimitOracle(Oracle):
         )
 
 
-def beside_limit(
+def value_beside_limit(
     value: float, low: float | None, high: float | None, unit: str, *, digits: int = 2
 ) -> str:
     """Return a value that is beyond a limit, with the limit: "2.13 m/s; the limit is 2 m/s"."""
     limit = high if high is not None and (low is None or value > high) else low
     if limit is None:
         return f"{value:.{digits}f} {unit}"
-    return f"{distinct_text(value, limit, digits=digits)} {unit}; the limit is {limit:g} {unit}"
+    return (
+        f"{distinct_value_text(value, limit, digits=digits)} {unit}; the limit is {limit:g} {unit}"
+    )
 
 
-def margin_of(value: float, low: float | None, high: float | None) -> float:
+def signed_margin(value: float, low: float | None, high: float | None) -> float:
     """Return the signed distance to the nearest of the given limits; one is given."""
     if high is None:
         return value - (low or 0.0)
     return high - value if low is None else min(value - low, high - value)
 
 
-def limit_of(low: float | None, high: float | None) -> Limit:
+def shown_limit(low: float | None, high: float | None) -> Limit:
     """Return the limits as results show them: the upper limit alone, or (low, high)."""
     if low is None:
         return high
@@ -126,7 +128,7 @@ def _number(part: Mapping[str, Data], key: str) -> float | None:
     return float(value) if is_number and isinstance(value, int | float) else None
 
 
-class Band(Windowed):
+class BandParameters(Windowed):
     """Parameters of an oracle with a lower and an upper limit, at least one given.
 
     A subclass has the fields min_<unit> and max_<unit>.

@@ -9,20 +9,20 @@ from wil_campaign.foundation.files.documents import Data
 from wil_campaign.safety.model import signals
 from wil_campaign.safety.model.samples import PoseSample
 from wil_campaign.safety.oracles.limit_oracle import (
-    Band,
+    BandParameters,
     LimitOracle,
     band_limits,
-    beside_limit,
-    limit_of,
-    margin_of,
+    shown_limit,
+    signed_margin,
+    value_beside_limit,
 )
 from wil_campaign.safety.oracles.oracle import (
     NO_FLAGS,
     Flags,
     Oracle,
     OracleContext,
+    OracleTerms,
     SignalLimit,
-    Terms,
     Windowed,
     oracle,
 )
@@ -42,7 +42,7 @@ _SIGNALS = {
 }
 
 
-class SpeedParameters(Band):
+class SpeedParameters(BandParameters):
     """min_m_s, max_m_s: limits of the motion's speed along `axis`."""
 
     min_m_s: Annotated[
@@ -69,15 +69,15 @@ class AttitudeParameters(Windowed):
         return self
 
 
-class Speed(LimitOracle):
+class SpeedOracle(LimitOracle):
     """The oracle of the motion's speed; the lower limit from at_height to the landing only."""
 
     motion = frozenset({"velocity"})
 
     def __init__(
-        self, terms: Terms, *, min_m_s: float | None, max_m_s: float | None, axis: Axis
+        self, terms: OracleTerms, *, min_m_s: float | None, max_m_s: float | None, axis: Axis
     ) -> None:
-        super().__init__(terms, unit="m/s", limit=limit_of(min_m_s, max_m_s))
+        super().__init__(terms, unit="m/s", limit=shown_limit(min_m_s, max_m_s))
         self._min_m_s = min_m_s
         self._max_m_s = max_m_s
         self._speed_m_s = _SPEEDS[axis]
@@ -90,22 +90,28 @@ class Speed(LimitOracle):
         if low_m_s is None and self._max_m_s is None:
             return NO_FLAGS
         speed_m_s = self._speed_m_s(sample)
-        margin_m_s = margin_of(speed_m_s, low_m_s, self._max_m_s)
+        margin_m_s = signed_margin(speed_m_s, low_m_s, self._max_m_s)
         return self.judge_margin(
             sample.t_s,
             speed_m_s,
             margin_m_s,
-            lambda: f"{self.vehicle} flew {beside_limit(speed_m_s, low_m_s, self._max_m_s, 'm/s')}",
+            lambda: (
+                f"{self.vehicle} flew "
+                f"{value_beside_limit(speed_m_s, low_m_s, self._max_m_s, 'm/s')}"
+            ),
         )
 
 
-class Attitude(LimitOracle):
+class AttitudeOracle(LimitOracle):
     """The oracle of the motion's attitude: the angle with the least margin is reported."""
 
     motion = frozenset({"attitude"})
 
     def __init__(
-        self, terms: Terms, *, limits: tuple[tuple[str, Callable[[PoseSample], float], float], ...]
+        self,
+        terms: OracleTerms,
+        *,
+        limits: tuple[tuple[str, Callable[[PoseSample], float], float], ...],
     ) -> None:
         smallest = min(limit_deg for _, _, limit_deg in limits)
         super().__init__(terms, unit="deg", limit=smallest)
@@ -127,7 +133,7 @@ class Attitude(LimitOracle):
             margin_deg,
             lambda: (
                 f"{self.vehicle} had a {what} of "
-                + beside_limit(angle_deg, None, limit_deg, "deg", digits=1)
+                + value_beside_limit(angle_deg, None, limit_deg, "deg", digits=1)
             ),
         )
 
@@ -145,16 +151,16 @@ def _speed_limits(part: Mapping[str, Data]) -> Iterator[SignalLimit]:
     SpeedParameters,
     limits=_speed_limits,
 )
-def speed(terms: Terms, parameters: SpeedParameters, context: OracleContext) -> Oracle:
+def speed(terms: OracleTerms, parameters: SpeedParameters, context: OracleContext) -> Oracle:
     """Return the oracle of the motion's speed."""
     del context
-    return Speed(
+    return SpeedOracle(
         terms, min_m_s=parameters.min_m_s, max_m_s=parameters.max_m_s, axis=parameters.axis
     )
 
 
 @oracle("attitude", "tilts no more than its limits", AttitudeParameters)
-def attitude(terms: Terms, parameters: AttitudeParameters, context: OracleContext) -> Oracle:
+def attitude(terms: OracleTerms, parameters: AttitudeParameters, context: OracleContext) -> Oracle:
     """Return the oracle of the motion's attitude."""
     del context
     angles = (
@@ -163,4 +169,4 @@ def attitude(terms: Terms, parameters: AttitudeParameters, context: OracleContex
         ("pitch", signals.pitch_deg, parameters.max_pitch_deg),
     )
     limits = tuple((what, of, limit) for what, of, limit in angles if limit is not None)
-    return Attitude(terms, limits=limits)
+    return AttitudeOracle(terms, limits=limits)

@@ -21,18 +21,18 @@ from wil_campaign.safety.model.samples import (
     StateSample,
 )
 from wil_campaign.safety.oracles.oracle_context import (
-    Gate,
+    GateOpening,
+    ObjectSeparation,
     OracleContext,
-    Probe,
     RunMode,
-    Separation,
+    WorldProbe,
 )
 from wil_campaign.safety.oracles.oracle_terms import (
     FLIGHT,
-    Parameters,
-    Stages,
-    Terms,
-    Window,
+    OracleParameters,
+    OracleTerms,
+    StageTracker,
+    StageWindow,
     Windowed,
 )
 from wil_campaign.vehicles.driver.vehicle_state import ReportName
@@ -40,20 +40,20 @@ from wil_campaign.vehicles.driver.vehicle_state import ReportName
 __all__ = [
     "NO_FLAGS",
     "Flags",
-    "Gate",
+    "GateOpening",
     "MotionName",
+    "ObjectSeparation",
     "Oracle",
     "OracleContext",
     "OracleError",
+    "OracleParameters",
     "OracleSpec",
-    "Parameters",
-    "Probe",
+    "OracleTerms",
     "RunMode",
-    "Separation",
-    "Stages",
-    "Terms",
-    "Window",
+    "StageTracker",
+    "StageWindow",
     "Windowed",
+    "WorldProbe",
     "oracle",
 ]
 
@@ -90,12 +90,12 @@ class Oracle(ABC):
     motion: frozenset[MotionName] = frozenset()
     is_certain: ClassVar[bool] = False
 
-    def __init__(self, terms: Terms) -> None:
+    def __init__(self, terms: OracleTerms) -> None:
         self.terms = terms
         self.name = terms.name
         self.vehicle = terms.vehicle
         self.required = terms.required
-        self.stages = Stages(terms.window)
+        self.stages = StageTracker(terms.window)
 
     @property
     def watches(self) -> tuple[str, ...]:
@@ -229,7 +229,7 @@ def _no_limits(_: Mapping[str, Data]) -> tuple[SignalLimit, ...]:
     return ()
 
 
-Factory = Callable[[Terms, Any, OracleContext], Oracle]
+Factory = Callable[[OracleTerms, Any, OracleContext], Oracle]
 """Builds an oracle from its terms, its parameters, and the context."""
 
 
@@ -248,11 +248,11 @@ class OracleSpec:
 
     name: str
     summary: str
-    parameters: type[Parameters]
+    parameters: type[OracleParameters]
     factory: Factory
     pair_only: bool | Callable[[Any], bool] = False
     at_the_end: bool = False
-    window: Window = FLIGHT
+    window: StageWindow = FLIGHT
     fail_fast: bool = False
     own_key: OwnKey | None = None
     objects: Objects = lambda _, __: ()
@@ -268,12 +268,12 @@ class OracleSpec:
         is_number = any({int, float} & {one, *get_args(one)} for one in numbers)
         return is_number or self.limits is not _no_limits or self.own_key is not None
 
-    def needs_pair(self, parameters: Parameters) -> bool:
+    def needs_pair(self, parameters: OracleParameters) -> bool:
         """Return whether the oracle needs two vehicles."""
         return self.pair_only(parameters) if callable(self.pair_only) else self.pair_only
 
     def build(
-        self, name: str, parameters: Parameters, context: OracleContext, *, required: bool
+        self, name: str, parameters: OracleParameters, context: OracleContext, *, required: bool
     ) -> Oracle:
         """Return the oracle for one vehicle of one run. Raises OracleError."""
         window, fail_fast = self.window, self.fail_fast
@@ -287,7 +287,7 @@ class OracleSpec:
                 message = f"oracle {name!r}: its result is only known at the end of its window"
                 raise OracleError(message, key="fail_fast")
             fail_fast = self.fail_fast if parameters.fail_fast is None else parameters.fail_fast
-        terms = Terms(
+        terms = OracleTerms(
             name=name,
             vehicle=context.vehicle,
             required=required,
@@ -300,11 +300,11 @@ class OracleSpec:
 def oracle(
     name: str,
     summary: str,
-    parameters: type[Parameters],
+    parameters: type[OracleParameters],
     *,
     pair_only: bool | Callable[[Any], bool] = False,
     at_the_end: bool = False,
-    window: Window = FLIGHT,
+    window: StageWindow = FLIGHT,
     fail_fast: bool = False,
     own_key: OwnKey | None = None,
     objects: Objects = lambda _, __: (),

@@ -7,12 +7,12 @@ from typing import Literal, Protocol
 from wil_campaign.safety.fence.geofence import Fence
 from wil_campaign.worlds.frames import Pose, Vec3
 from wil_campaign.worlds.geodesy import LocalFrame
-from wil_campaign.worlds.scene.parts import Crossing
+from wil_campaign.worlds.scene.parts import OpeningCrossing
 
 RunMode = Literal["sim", "wil", "real"]
 
 
-class Separation(Protocol):
+class ObjectSeparation(Protocol):
     """An oracle context's least clearance to an object (protocol of worlds' Clearance).
 
     The floor of a room is distinguished from the rest of it.
@@ -39,13 +39,13 @@ class Separation(Protocol):
         """Return whether the separated object is a floor that vehicles stand on."""
 
 
-class Probe(Protocol):
+class WorldProbe(Protocol):
     """An oracle context's clearance probe of the judged world (protocol of ClearanceProbe)."""
 
-    def reaching(self, distance_m: float, /) -> "Probe":
+    def reaching(self, distance_m: float, /) -> "WorldProbe":
         """Return the probe for an oracle that needs objects up to a distance, in metres."""
 
-    def above(self, ground_down_m: float, /) -> "Probe":
+    def above(self, ground_down_m: float, /) -> "WorldProbe":
         """Return the probe with a level ground, a floor of the name `GROUND`, at a height (NED)."""
 
     def sweep(
@@ -58,14 +58,14 @@ class Probe(Protocol):
         /,
         *,
         below_m: Mapping[tuple[str, bool], float] | None = None,
-    ) -> tuple[Separation, ...]:
+    ) -> tuple[ObjectSeparation, ...]:
         """Return the least clearance to each near object on the path between two poses.
 
         below_m: by object name and whether it is a floor; only smaller clearances are reported.
         """
 
 
-class Gate(Protocol):
+class GateOpening(Protocol):
     """An oracle context's gate: an opening to fly through (protocol of SceneGate)."""
 
     @property
@@ -77,7 +77,7 @@ class Gate(Protocol):
 
     def crossing(
         self, p_0: Vec3, t_0: float, p_1: Vec3, t_1: float, events: Mapping[str, float]
-    ) -> Crossing | None:
+    ) -> OpeningCrossing | None:
         """Return where the path from one point to the next crosses the gate's plane."""
 
 
@@ -103,12 +103,12 @@ class OracleContext:
     pose_source: str = "mavlink"
     body_half_m: Vec3 = (0.0, 0.0, 0.0)
     start: Pose = field(default_factory=lambda: Pose((0.0, 0.0, 0.0)))
-    probe: Probe | None = None
+    probe: WorldProbe | None = None
     ground_down_m: float | None = None
     touchdown_m_s: float | None = None
     things: tuple[str, ...] = ()
-    probe_of: Callable[[str], Probe] | None = None
-    gates: Mapping[str, Gate] = field(default_factory=dict)
+    probe_of: Callable[[str], WorldProbe] | None = None
+    gates: Mapping[str, GateOpening] = field(default_factory=dict)
     route: tuple[str, ...] = ()
     target_ned_m: Vec3 | None = None
     fence: Fence | None = None

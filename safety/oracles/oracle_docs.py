@@ -8,9 +8,9 @@ from typing import Any, Literal, Union, get_args, get_origin
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
-from wil_campaign.foundation.files.problems import unit_of
+from wil_campaign.foundation.files.problems import unit_of_key
 from wil_campaign.safety.oracles.oracle import OracleSpec
-from wil_campaign.safety.oracles.oracle_terms import Parameters, Windowed
+from wil_campaign.safety.oracles.oracle_terms import OracleParameters, Windowed
 
 _TYPES: dict[Any, str] = {float: "number", int: "whole number", bool: "true or false", str: "text"}
 _UNITS = {
@@ -24,7 +24,7 @@ _UNITS = {
 
 
 @dataclass(frozen=True, slots=True)
-class ParameterDoc:
+class OracleParameterDoc:
     """An oracle parameter's documentation: key, values, unit, default ("" for none)."""
 
     name: str
@@ -43,34 +43,36 @@ class OracleDoc:
     summary: str
     window: str
     fail_fast: bool
-    parameters: tuple[ParameterDoc, ...]
+    parameters: tuple[OracleParameterDoc, ...]
 
 
 def describe_oracles(spec: OracleSpec) -> OracleDoc:
     """Return an oracle's documentation, without the `common_parameters`."""
     windowed = issubclass(spec.parameters, Windowed)
     window = f"from {spec.window.first} to {spec.window.last}" if windowed else "at the end"
-    common = {*Parameters.model_fields, *Windowed.model_fields}
+    common = {*OracleParameters.model_fields, *Windowed.model_fields}
     own = {name: f for name, f in spec.parameters.model_fields.items() if name not in common}
     return OracleDoc(
         spec.name, spec.summary, window, spec.fail_fast, _documented_parameters(own.items())
     )
 
 
-def common_parameters() -> tuple[ParameterDoc, ...]:
+def common_parameters() -> tuple[OracleParameterDoc, ...]:
     """Return the documentation of the parameters that every oracle takes."""
     return _documented_parameters(Windowed.model_fields.items())
 
 
-def _documented_parameters(fields: Iterable[tuple[str, FieldInfo]]) -> tuple[ParameterDoc, ...]:
+def _documented_parameters(
+    fields: Iterable[tuple[str, FieldInfo]],
+) -> tuple[OracleParameterDoc, ...]:
     return tuple(_parameter(field.alias or name, field) for name, field in fields)
 
 
-def _parameter(name: str, field: FieldInfo) -> ParameterDoc:
+def _parameter(name: str, field: FieldInfo) -> OracleParameterDoc:
     needed = field.is_required()
     default = "" if needed or field.default is None else _show_value(field.default)
-    unit = _UNITS.get(unit_of(name), "")
-    return ParameterDoc(
+    unit = _UNITS.get(unit_of_key(name), "")
+    return OracleParameterDoc(
         name, _takes(field.annotation), unit, default, needed, field.description or ""
     )
 

@@ -21,7 +21,7 @@ LastStage = Literal["at_height", "goal", "done", "land", "landed", "end"]
 
 
 @dataclass(frozen=True, slots=True)
-class Window:
+class StageWindow:
     """The stages between which an oracle judges: from reaching `first` to reaching `last`.
 
     If a run is cut short and skips `last`, any later stage closes the window.
@@ -31,13 +31,13 @@ class Window:
     last: LastStage
 
 
-FLIGHT = Window("takeoff", "landed")
-IN_THE_AIR = Window("at_height", "land")
-ON_GOAL = Window("goal", "land")
+FLIGHT = StageWindow("takeoff", "landed")
+IN_THE_AIR = StageWindow("at_height", "land")
+ON_GOAL = StageWindow("goal", "land")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Terms:
+class OracleTerms:
     """The terms of one oracle in one run: name, vehicle, window, whether required.
 
     fail_fast: on its decisive flag all vehicles land at once; else the flight continues.
@@ -46,11 +46,11 @@ class Terms:
     name: str
     vehicle: str
     required: bool
-    window: Window = FLIGHT
+    window: StageWindow = FLIGHT
     fail_fast: bool = False
 
 
-class Parameters(BaseModel):
+class OracleParameters(BaseModel):
     """The parameters that a campaign may give to every oracle.
 
     vehicle: the judged vehicle; None is the subject of the run (real in wil and real, twin in sim).
@@ -68,7 +68,7 @@ class Parameters(BaseModel):
     ] = True
 
 
-class Windowed(Parameters):
+class Windowed(OracleParameters):
     """The parameters of an oracle that judges a window of the flight.
 
     from, to: the stages that open and close its window; None: the default of its kind. fail_fast:
@@ -92,22 +92,22 @@ class Windowed(Parameters):
             )
         return self
 
-    def window(self, usual: Window) -> Window:
+    def window(self, usual: StageWindow) -> StageWindow:
         """Return the oracle's window, `usual` by default. Raises ValueError when empty."""
         first, last = self.from_ or usual.first, self.to or usual.last
         if STAGES.index(first) >= STAGES.index(last):
             raise ValueError(f"its window is empty: '{first}' does not come before '{last}'")
-        return Window(first, last)
+        return StageWindow(first, last)
 
 
-class Stages:
+class StageTracker:
     """The stages reached so far, and whether an oracle's window is open or covers a sample.
 
     A pose may arrive long after its time: `covers` and `near_ground_at` go by the time of the
     sample, so that how late it arrives changes no verdict. They are called for each pose.
     """
 
-    def __init__(self, window: Window = FLIGHT) -> None:
+    def __init__(self, window: StageWindow = FLIGHT) -> None:
         self._window = window
         self._closing = frozenset(STAGES[STAGES.index(window.last) :])
         self._at_s: dict[Stage, float] = {}

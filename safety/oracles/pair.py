@@ -11,12 +11,12 @@ from wil_campaign.safety.oracles.oracle import (
     Flags,
     Oracle,
     OracleContext,
-    Terms,
-    Window,
+    OracleTerms,
+    StageWindow,
     Windowed,
     oracle,
 )
-from wil_campaign.worlds.figures import distinct_text
+from wil_campaign.worlds.figures import distinct_value_text
 from wil_campaign.worlds.frames import Vec3, add, norm, scale, subtract
 
 
@@ -31,13 +31,13 @@ class TwinDivergenceParameters(Windowed):
     ] = None
 
 
-class TwinDivergence(Oracle):
+class TwinDivergenceOracle(Oracle):
     """The oracle of the pair's distance, from takeoff to landing command by default.
 
     The two are sampled at different times: the older pose is extrapolated by its velocity.
     """
 
-    def __init__(self, terms: Terms, *, max_m: float | None = None) -> None:
+    def __init__(self, terms: OracleTerms, *, max_m: float | None = None) -> None:
         super().__init__(terms)
         self._max_m = max_m
         self._last: dict[str, PoseSample] = {}
@@ -63,7 +63,7 @@ class TwinDivergence(Oracle):
         if self._flagged or self._max_m is None or distance_m <= self._max_m:
             return NO_FLAGS
         self._flagged = True
-        apart = distinct_text(distance_m, self._max_m)
+        apart = distinct_value_text(distance_m, self._max_m)
         text = f"real and twin are {apart} m apart; the limit is {self._max_m:g} m"
         return self.flag(sample.t_s, text)
 
@@ -95,11 +95,11 @@ def extrapolated_ned_m(sample: PoseSample, t_s: float) -> Vec3:
     "real and twin stay within max_m of each other",
     TwinDivergenceParameters,
     pair_only=True,
-    window=Window("takeoff", "land"),
+    window=StageWindow("takeoff", "land"),
 )
 def twin_divergence(
-    terms: Terms, parameters: TwinDivergenceParameters, context: OracleContext
+    terms: OracleTerms, parameters: TwinDivergenceParameters, context: OracleContext
 ) -> Oracle:
     """Return the oracle of the distance between the pair's vehicles."""
     del context
-    return TwinDivergence(terms, max_m=parameters.max_m)
+    return TwinDivergenceOracle(terms, max_m=parameters.max_m)

@@ -6,14 +6,14 @@ from dataclasses import dataclass
 from typing import Literal
 
 from wil_campaign.safety.model.samples import PoseSample
-from wil_campaign.safety.oracles.oracle_context import Gate
+from wil_campaign.safety.oracles.oracle_context import GateOpening
 from wil_campaign.worlds.frames import Vec3, add, norm, rotate
 
 Side = Literal[1, -1]
 
 
 @dataclass(frozen=True, slots=True)
-class Passage:
+class GatePassage:
     """A passage: the whole body went from one side of a gate's plane to the other.
 
     direction: +1 along the gate's forward axis. offset_m: distance of the body's centre from the
@@ -28,7 +28,7 @@ class Passage:
 
 
 @dataclass(frozen=True, slots=True)
-class Dip:
+class GateDip:
     """A dip into a gate: the centre crossed the plane and came back before the body was through.
 
     depth_m: how far the centre was beyond the plane; at_s: when the body was back.
@@ -38,7 +38,7 @@ class Dip:
     at_s: float
 
 
-class Body:
+class PassingBody:
     """The body of a passing vehicle: a box. half_m: forward, right and down from the centre."""
 
     def __init__(self, half_m: Vec3) -> None:
@@ -63,7 +63,7 @@ class PassageDetector:
     """
 
     def __init__(
-        self, gate: Gate, body: Body, first: PoseSample, events: Mapping[str, float]
+        self, gate: GateOpening, body: PassingBody, first: PoseSample, events: Mapping[str, float]
     ) -> None:
         self._gate, self._body, self._events = gate, body, events
         depth_m = self._depth_m(first)
@@ -79,7 +79,7 @@ class PassageDetector:
         now = 1 if self._last_depth_m > 0.0 else -1
         return abs(self._last_depth_m) if now != self.side else 0.0
 
-    def observe(self, sample: PoseSample) -> Passage | Dip | None:
+    def observe(self, sample: PoseSample) -> GatePassage | GateDip | None:
         """Take a pose; return the passage or dip that ends with it, if any."""
         last, before_m = self._last, self._last_depth_m
         depth_m = self._depth_m(sample)
@@ -95,14 +95,14 @@ class PassageDetector:
             return None
         return self._settle(now, sample.t_s)
 
-    def _settle(self, now: Side, t_s: float) -> Passage | Dip | None:
+    def _settle(self, now: Side, t_s: float) -> GatePassage | GateDip | None:
         """Return the passage or dip of a body that is clear of the gate's plane."""
         centre, reach_m, deepest_m = self._centre, self._reach_m, self._deepest_m
         before, self.side = self.side, now
         self._centre, self._reach_m, self._deepest_m = None, 0.0, 0.0
         if now != before and centre is not None:
-            return Passage(now, centre[0], max(reach_m, centre[0]), centre[1])
-        return Dip(deepest_m, t_s) if now == before and deepest_m > 0.0 else None
+            return GatePassage(now, centre[0], max(reach_m, centre[0]), centre[1])
+        return GateDip(deepest_m, t_s) if now == before and deepest_m > 0.0 else None
 
     def _measure(self, last: PoseSample, sample: PoseSample) -> None:
         """Record where centre and corners cross the gate's plane between two poses."""

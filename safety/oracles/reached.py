@@ -11,16 +11,16 @@ from wil_campaign.safety.model.samples import PoseSample
 from wil_campaign.safety.oracles.oracle import (
     NO_FLAGS,
     Flags,
-    Gate,
+    GateOpening,
     Oracle,
     OracleContext,
     OracleError,
-    Terms,
+    OracleTerms,
     Windowed,
     oracle,
 )
 from wil_campaign.safety.oracles.oracle_terms import ON_GOAL
-from wil_campaign.safety.oracles.passages import Body, Dip, Passage, PassageDetector
+from wil_campaign.safety.oracles.passages import GateDip, GatePassage, PassageDetector, PassingBody
 from wil_campaign.worlds.frames import Vec3
 
 Direction = Literal["away", "along", "against", "either"]
@@ -50,7 +50,7 @@ class _Through:
     at_s: float
 
 
-class Reached(Oracle):
+class ReachedOracle(Oracle):
     """The oracle `reached`: the whole body flies through the opening of each gate, in order.
 
     A gate is passed once the body is beyond its plane by its radius, and every point of it crossed
@@ -61,9 +61,9 @@ class Reached(Oracle):
 
     def __init__(
         self,
-        terms: Terms,
+        terms: OracleTerms,
         *,
-        route: Sequence[tuple[str, Gate]],
+        route: Sequence[tuple[str, GateOpening]],
         events: Mapping[str, float],
         direction: Direction = "away",
         body_half_m: Vec3 = _POINT,
@@ -74,7 +74,7 @@ class Reached(Oracle):
         self._route = tuple(route)
         self._events = events
         self._direction = direction
-        self._body = Body(body_half_m)
+        self._body = PassingBody(body_half_m)
         self._last: PoseSample | None = None
         self._detectors: dict[str, PassageDetector] = {}
         self._home: int | None = None
@@ -96,9 +96,9 @@ class Reached(Oracle):
         flags: Flags = NO_FLAGS
         for name, detector in self._detectors.items():
             found = detector.observe(sample)
-            if isinstance(found, Passage):
+            if isinstance(found, GatePassage):
                 flags += self._pass(name, found)
-            elif isinstance(found, Dip) and name == self._next:
+            elif isinstance(found, GateDip) and name == self._next:
                 self._note(name, f"entered {name} by {found.depth_m:.2f} m and came back")
         return flags
 
@@ -138,7 +138,7 @@ class Reached(Oracle):
             case "away":
                 return direction != self._home
 
-    def _pass(self, name: str, passage: Passage) -> Flags:
+    def _pass(self, name: str, passage: GatePassage) -> Flags:
         """Handle a passage of the body through the plane of a gate of the route."""
         gate = dict(self._route)[name]
         inside = passage.reach_m < gate.limit_m
@@ -158,7 +158,7 @@ class Reached(Oracle):
         self._wrong = {text: gate for text, gate in self._wrong.items() if gate != name}
         return self.flag(passage.at_s, f"{self.vehicle} flew through {name}", decisive=False)
 
-    def _beside(self, name: str, gate: Gate, passage: Passage) -> Flags:
+    def _beside(self, name: str, gate: GateOpening, passage: GatePassage) -> Flags:
         if passage.offset_m < gate.limit_m:
             over_m = passage.reach_m - gate.limit_m
             self._note(name, f"passed {name} with its body {over_m:.2f} m beyond the opening")
@@ -197,7 +197,7 @@ _MOST_NOTES = 3
     at_the_end=True,
     objects=lambda given, _: given.gates or (),
 )
-def reached(terms: Terms, parameters: ReachedParameters, context: OracleContext) -> Oracle:
+def reached(terms: OracleTerms, parameters: ReachedParameters, context: OracleContext) -> Oracle:
     """Return the oracle of reached gates. Raises OracleError when one is not in the world."""
     route = context.route if parameters.gates is None else parameters.gates
     for gate in route:
@@ -205,7 +205,7 @@ def reached(terms: Terms, parameters: ReachedParameters, context: OracleContext)
             known = ", ".join(context.gates) or "none"
             message = f"the judged world has no gate {gate!r} (it has {known})"
             raise OracleError(f"oracle {terms.name!r}: {message}")
-    return Reached(
+    return ReachedOracle(
         terms,
         route=[(gate, context.gates[gate]) for gate in route],
         events=context.events,

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from functools import cache
 
 from wil_campaign.hooks import oracles
-from wil_campaign.installed_plugins import loaded
+from wil_campaign.installed_plugins import loaded_additions
 from wil_campaign.safety.oracles.oracle import OracleSpec
 
 
@@ -14,11 +14,11 @@ def oracle_kinds() -> Mapping[str, OracleSpec]:
 
     Raises BadInput for a plugin that cannot be used.
     """
-    found: Mapping[str, OracleSpec] = loaded(oracles, "spec")
+    found: Mapping[str, OracleSpec] = loaded_additions(oracles, "spec")
     return dict(sorted(found.items(), key=lambda item: _file_of(item[1])))
 
 
-def own_keys() -> Mapping[str, str]:
+def own_oracle_keys() -> Mapping[str, str]:
     """Return by key the kind of oracle that has a name of the user's where this key is given."""
     kinds = oracle_kinds().values()
     return {kind.own_key.key: kind.name for kind in kinds if kind.own_key is not None}

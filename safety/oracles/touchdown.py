@@ -11,13 +11,13 @@ from wil_campaign.safety.oracles.oracle import (
     Flags,
     Oracle,
     OracleContext,
-    Parameters,
-    Terms,
-    Window,
+    OracleParameters,
+    OracleTerms,
+    StageWindow,
     oracle,
 )
 
-LANDING = Window("land", "landed")
+LANDING = StageWindow("land", "landed")
 _NEAR_M = 0.15
 """How far above its place of rest a vehicle counts as touching down: what an estimate may sink
 while the vehicle stands, and less than autopilots brake on."""
@@ -25,7 +25,7 @@ _OVER_S = 0.1
 """A sink rate is a mean over this time at least: 1 mm of noise is 1.4 cm/s then."""
 
 
-class TouchdownParameters(Parameters):
+class TouchdownParameters(OracleParameters):
     """max_m_s: the fastest that a vehicle may sink as it meets the ground."""
 
     max_m_s: Annotated[
@@ -38,7 +38,7 @@ _REPORTED_S = 2.0
 """An older report that a vehicle stands does not say that it stood as its landing began."""
 
 
-class Touchdown(Oracle):
+class TouchdownOracle(Oracle):
     """The oracle of the sink rate as the vehicle meets the ground, wherever that is.
 
     The ground is where the vehicle stands at the end: a table and an estimate that has drifted
@@ -46,7 +46,7 @@ class Touchdown(Oracle):
     down before it was to land, as of its own autonomy, has no landing: `collision` judges that.
     """
 
-    def __init__(self, terms: Terms, *, max_m_s: float | None) -> None:
+    def __init__(self, terms: OracleTerms, *, max_m_s: float | None) -> None:
         super().__init__(terms)
         self._max_m_s = max_m_s
         self._has_seen = False
@@ -114,7 +114,9 @@ class Touchdown(Oracle):
     window=LANDING,
     at_the_end=True,
 )
-def touchdown(terms: Terms, parameters: TouchdownParameters, context: OracleContext) -> Oracle:
+def touchdown(
+    terms: OracleTerms, parameters: TouchdownParameters, context: OracleContext
+) -> Oracle:
     """Return the oracle of the sink rate at touchdown."""
     limit_m_s = parameters.max_m_s
-    return Touchdown(terms, max_m_s=context.touchdown_m_s if limit_m_s is None else limit_m_s)
+    return TouchdownOracle(terms, max_m_s=context.touchdown_m_s if limit_m_s is None else limit_m_s)

@@ -11,12 +11,12 @@ from wil_campaign.safety.oracles.oracle import (
     Flags,
     Oracle,
     OracleContext,
-    Parameters,
-    Terms,
+    OracleParameters,
+    OracleTerms,
     Windowed,
     oracle,
 )
-from wil_campaign.worlds.figures import distinct_text
+from wil_campaign.worlds.figures import distinct_value_text
 
 
 class LinkParameters(Windowed):
@@ -60,7 +60,7 @@ class _End:
         return self.has_landed and self._stands and not self.falls
 
 
-class VehicleFault(Oracle):
+class VehicleFaultOracle(Oracle):
     """The oracle of the vehicle's own faults, and of disarming in flight.
 
     A vehicle disarmed in flight that falls from where it disarmed or reported the ground, does not
@@ -69,7 +69,7 @@ class VehicleFault(Oracle):
 
     reports = frozenset({"heartbeat", "landed_state", "estimator"})
 
-    def __init__(self, terms: Terms) -> None:
+    def __init__(self, terms: OracleTerms) -> None:
         super().__init__(terms)
         self._seen = False
         self._was_flying = self._is_armed = False
@@ -154,7 +154,7 @@ class LinkOracle(Oracle):
     reports as an ERROR.
     """
 
-    def __init__(self, terms: Terms, *, max_gap_s: float) -> None:
+    def __init__(self, terms: OracleTerms, *, max_gap_s: float) -> None:
         super().__init__(terms)
         self._max_gap_s = max_gap_s
         self._since_s: float | None = None
@@ -180,7 +180,7 @@ class LinkOracle(Oracle):
             self._worst = (gap_s, sample.t_s)
         if gap_s <= self._max_gap_s:
             return NO_FLAGS
-        silent = distinct_text(gap_s, self._max_gap_s, digits=1)
+        silent = distinct_value_text(gap_s, self._max_gap_s, digits=1)
         text = f"{self.vehicle} was silent for {silent} s, more than {self._max_gap_s:g} s"
         return self.flag(sample.t_s, text)
 
@@ -212,7 +212,7 @@ class LandedOracle(Oracle):
 
     reports = frozenset({"heartbeat", "landed_state"})
 
-    def __init__(self, terms: Terms) -> None:
+    def __init__(self, terms: OracleTerms) -> None:
         super().__init__(terms)
         self._last: StateSample | None = None
 
@@ -239,21 +239,21 @@ class LandedOracle(Oracle):
 
 
 @oracle("vehicle_fault", "reports no fault in flight", Windowed, fail_fast=True)
-def vehicle_fault(terms: Terms, parameters: Windowed, context: OracleContext) -> Oracle:
+def vehicle_fault(terms: OracleTerms, parameters: Windowed, context: OracleContext) -> Oracle:
     """Return the oracle of the vehicle's own faults."""
     del parameters, context
-    return VehicleFault(terms)
+    return VehicleFaultOracle(terms)
 
 
 @oracle("link", "is never silent for longer than max_gap_s", LinkParameters)
-def link(terms: Terms, parameters: LinkParameters, context: OracleContext) -> Oracle:
+def link(terms: OracleTerms, parameters: LinkParameters, context: OracleContext) -> Oracle:
     """Return the oracle of the vehicle's link gaps."""
     del context
     return LinkOracle(terms, max_gap_s=parameters.max_gap_s)
 
 
-@oracle("landed", "is landed and disarmed at the end", Parameters, at_the_end=True)
-def landed(terms: Terms, parameters: Parameters, context: OracleContext) -> Oracle:
+@oracle("landed", "is landed and disarmed at the end", OracleParameters, at_the_end=True)
+def landed(terms: OracleTerms, parameters: OracleParameters, context: OracleContext) -> Oracle:
     """Return the oracle that the vehicle ends landed and disarmed."""
     del parameters, context
     return LandedOracle(terms)

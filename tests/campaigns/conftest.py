@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from wil_campaign.campaigns.expansion.expansion import Campaign, Options, load_campaign
+from wil_campaign.campaigns.expansion.expansion import Campaign, ExpansionOptions, load_campaign
 from wil_campaign.foundation.files.documents import BadInput
 
 CAMPAIGN = """\
@@ -127,7 +127,7 @@ class Files:
             stream.write(text)
 
     def load(self, **options: object) -> Campaign:
-        return load_campaign(self.path, Options(**options))  # type: ignore[arg-type]  # a test's short form
+        return load_campaign(self.path, ExpansionOptions(**options))  # type: ignore[arg-type]  # a test's short form
 
     def faults(self, **options: object) -> list[str]:
         with pytest.raises(BadInput) as caught:

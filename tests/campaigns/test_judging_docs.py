@@ -9,7 +9,7 @@ import pytest
 
 from wil_campaign.safety.oracles.registry import oracle_kinds
 from wil_campaign.safety.preflight import Check
-from wil_campaign.vehicles.autopilots.registry import strategies
+from wil_campaign.vehicles.autopilots.registry import autopilot_strategies
 
 DOCS = Path(__file__).parents[2] / "docs"
 
@@ -44,7 +44,7 @@ def test_every_example_is_good(files: Any, example: str) -> None:
 def test_every_check_of_the_preflight_is_documented() -> None:
     page = (DOCS / "preflight.md").read_text("utf-8")
     assert all(f"| `{check}` |" in page for check in get_args(Check))
-    for strategy in strategies().values():
+    for strategy in autopilot_strategies().values():
         rules = strategy.failsafes.rules
         assert all(f"`{name}`" in page for rule in rules for name in rule.names)
 

@@ -16,7 +16,7 @@ from tests.faults.relay import (
     Position,
     with_flags,
 )
-from wil_campaign.vehicles.mavlink.framing import Frame, with_payload
+from wil_campaign.vehicles.mavlink.framing import MavlinkFrame, frame_with_payload
 from wil_campaign.vehicles.readings import PoseReading
 from wil_campaign.worlds.frames import Pose, Vec3, add
 
@@ -96,7 +96,7 @@ def frame_change(alteration: Alteration) -> Change:
     first: dict[int, bytes] = {}
     count: dict[int, int] = {}
 
-    def change(frame: Frame) -> Iterable[tuple[float, bytes]]:
+    def change(frame: MavlinkFrame) -> Iterable[tuple[float, bytes]]:
         then = first.setdefault(frame.message_id, frame.raw)
         count[frame.message_id] = number = count.get(frame.message_id, 0) + 1
         match alteration.kind:
@@ -125,7 +125,7 @@ def velocity_change(alteration: Alteration) -> Change:
     """
     given: list[tuple[int, Vec3]] = []
 
-    def change(frame: Frame) -> Iterable[tuple[float, bytes]]:
+    def change(frame: MavlinkFrame) -> Iterable[tuple[float, bytes]]:
         now = Position.of(frame)
         velocity: Vec3 = (now.values[3], now.values[4], now.values[5])
         given.append((now.boot_ms, velocity))
@@ -150,23 +150,23 @@ def velocity_change(alteration: Alteration) -> Change:
     return change
 
 
-def _stamped(now: Frame, then: Frame) -> bytes:
+def _stamped(now: MavlinkFrame, then: MavlinkFrame) -> bytes:
     """Return what was said then with the stamp of now, where the message has one."""
     if now.message_id not in _STAMPED_MS:
         return then.raw
     payload = now.payload.ljust(4, b"\0")[:4] + then.payload.ljust(255, b"\0")[4:]
-    return with_payload(now, _cut(now, payload))
+    return frame_with_payload(now, _cut(now, payload))
 
 
-def _restamped(frame: Frame, step_s: float) -> bytes:
+def _restamped(frame: MavlinkFrame, step_s: float) -> bytes:
     if frame.message_id not in _STAMPED_MS:
         return frame.raw
     payload = frame.payload.ljust(4, b"\0")
     boot_ms = struct.unpack("<I", payload[:4])[0] + round(step_s * 1e3)
-    return with_payload(frame, struct.pack("<I", max(0, boot_ms)) + payload[4:])
+    return frame_with_payload(frame, struct.pack("<I", max(0, boot_ms)) + payload[4:])
 
 
-def _value(frame: Frame, alteration: Alteration) -> bytes:
+def _value(frame: MavlinkFrame, alteration: Alteration) -> bytes:
     """Return a frame whose values are off, or no numbers."""
     payload = bytearray(frame.payload.ljust(255, b"\0"))
     is_nan = alteration.kind == "nan"
@@ -194,10 +194,10 @@ def _value(frame: Frame, alteration: Alteration) -> bytes:
             struct.pack_into("<q", payload, 8, ts1)
         case _:
             return frame.raw
-    return with_payload(frame, _cut(frame, bytes(payload)))
+    return frame_with_payload(frame, _cut(frame, bytes(payload)))
 
 
-def _cut(frame: Frame, payload: bytes) -> bytes:
+def _cut(frame: MavlinkFrame, payload: bytes) -> bytes:
     return payload[: mavlink.mavlink_map[frame.message_id].unpacker.size]
 
 

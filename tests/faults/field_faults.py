@@ -24,7 +24,7 @@ from tests.faults.signals import Outcome, SignalFault, draw, fly_mission, fly_se
 from tests.faults.wire_changes import BOARDS, HEADINGS, OTHERS, UIDS, Hold, WireFault, through
 from tests.orchestrator.flights import log_of
 from wil_campaign.foundation.files.problems import BadInput
-from wil_campaign.orchestrator.run.vehicles.pair import Pair
+from wil_campaign.orchestrator.run.vehicles.pair import VehiclePair
 from wil_campaign.orchestrator.run_results.run_result import RunResult
 from wil_campaign.orchestrator.state.run_state import RunState, Stage
 from wil_campaign.vehicles.mavlink.heartbeats import HeartbeatKind
@@ -134,7 +134,7 @@ def _active(fault: SignalFault, run_state: RunState) -> Callable[[], bool]:
 def _fly_through_a_wire(fault: SignalFault, folder: Path) -> Outcome:
     """Exempt: somebody else's words in a sound flight, where the log names the sender."""
 
-    def disturb(pair: Pair, run_state: RunState) -> None:
+    def disturb(pair: VehiclePair, run_state: RunState) -> None:
         silence_better(fault, pair, run_state)
         wire = WireFault(
             fault.kind,
@@ -154,7 +154,7 @@ def _fly_beside_a_station(fault: SignalFault, folder: Path) -> Outcome:
     """Exempt: a sound flight, where nothing reached the vehicle and the guard names what came."""
     stations: list[GroundStation] = []
 
-    def disturb(pair: Pair, run_state: RunState) -> None:
+    def disturb(pair: VehiclePair, run_state: RunState) -> None:
         silence_better(fault, pair, run_state)
         is_active = _active(fault, run_state)
         station = GroundStation(fault.vehicle, fault.kind, fault.autopilot, is_active)

@@ -8,11 +8,11 @@ from typing import Any
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from tests.faults.missions import AutopilotKind
-from wil_campaign.orchestrator.run.vehicles.pair import Pair
+from wil_campaign.orchestrator.run.vehicles.pair import VehiclePair
 from wil_campaign.orchestrator.state.run_state import RunState
 from wil_campaign.safety.guard.core.events import GuardEvent
-from wil_campaign.vehicles.autopilots.autopilot import Target, command_long
-from wil_campaign.vehicles.mavlink.codec import Codec
+from wil_campaign.vehicles.autopilots.autopilot import MavlinkTarget, command_long
+from wil_campaign.vehicles.mavlink.codec import MavlinkCodec
 from wil_campaign.vehicles.mavlink.framing import FrameSplitter
 
 _STATION = 255
@@ -28,7 +28,7 @@ SENDS = ("parameters", "mission", "estimate", "commands", *TAKES_OVER)
 
 def messages(what: str, system: int, autopilot: AutopilotKind) -> Sequence[Any]:
     """Return what a ground station sends again and again. what: one of SENDS."""
-    command = Target(system)
+    command = MavlinkTarget(system)
     sent: Mapping[str, Sequence[Any]] = {
         "parameters": [
             *(
@@ -75,10 +75,12 @@ class GroundStation:
     is_active: Callable[[], bool]
     arrived: set[int] = field(default_factory=set)
     sent: int = 0
-    _pair: Pair | None = None
-    _codec: Codec = field(default_factory=lambda: Codec(system_id=_STATION, component_id=190))
+    _pair: VehiclePair | None = None
+    _codec: MavlinkCodec = field(
+        default_factory=lambda: MavlinkCodec(system_id=_STATION, component_id=190)
+    )
 
-    def disturb(self, pair: Pair, _: RunState) -> None:
+    def disturb(self, pair: VehiclePair, _: RunState) -> None:
         """Begin to send, and to look at what arrives."""
         self._pair = pair
         far: Any = pair.vehicles[self.vehicle]

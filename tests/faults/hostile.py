@@ -6,8 +6,8 @@ from collections.abc import Callable, Iterator, Sequence
 import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from wil_campaign.vehicles.mavlink.codec import Codec
-from wil_campaign.vehicles.mavlink.framing import checksum
+from wil_campaign.vehicles.mavlink.codec import MavlinkCodec
+from wil_campaign.vehicles.mavlink.framing import frame_checksum
 
 BURST_HZ = 50.0
 _FLOOD_FRAMES = 60
@@ -19,7 +19,7 @@ Burst = Callable[[], list[bytes]]
 
 def garbage(rng: np.random.Generator) -> Burst:
     """Return bytes without sense: noise, start bytes, frames cut and frames with wrong sums."""
-    codec = Codec(system_id=1, component_id=1)
+    codec = MavlinkCodec(system_id=1, component_id=1)
 
     def burst() -> list[bytes]:
         noise = rng.integers(0, 256, size=int(rng.integers(1, 400)), dtype=np.uint8).tobytes()
@@ -35,7 +35,7 @@ def garbage(rng: np.random.Generator) -> Burst:
 def foreign(rng: np.random.Generator) -> Burst:
     """Return frames of other systems and components that say what would matter of the vehicle."""
     codecs = [
-        Codec(system_id=system, component_id=component)
+        MavlinkCodec(system_id=system, component_id=component)
         for system, component in ((_FOREIGN, 1), (1, 191), (255, 190), (2, 190))
     ]
 
@@ -48,7 +48,7 @@ def foreign(rng: np.random.Generator) -> Burst:
 
 def forged(rng: np.random.Generator) -> Burst:
     """Return unsigned frames, and wrongly signed ones, in the names of the vehicles themselves."""
-    codecs = [Codec(system_id=system, component_id=1) for system in (1, 2)]
+    codecs = [MavlinkCodec(system_id=system, component_id=1) for system in (1, 2)]
 
     def burst() -> list[bytes]:
         frames = [codec.pack(message) for codec in codecs for message in _lies(rng)]
@@ -71,7 +71,7 @@ def replayed(rng: np.random.Generator, heard: Sequence[bytes]) -> Burst:
 
 def flood(rng: np.random.Generator) -> Burst:
     """Return sound frames, many, of nobody in particular and of the vehicle's own system."""
-    codecs = [Codec(system_id=system, component_id=190) for system in (1, _FOREIGN, 255)]
+    codecs = [MavlinkCodec(system_id=system, component_id=190) for system in (1, _FOREIGN, 255)]
 
     def burst() -> list[bytes]:
         codec = codecs[int(rng.integers(len(codecs)))]
@@ -84,7 +84,7 @@ def flood(rng: np.random.Generator) -> Burst:
 
 def cutting() -> Burst:
     """Return commands that would stop motors in the air, as a program might send them."""
-    codec = Codec(system_id=255, component_id=190)
+    codec = MavlinkCodec(system_id=255, component_id=190)
     disarm = mavlink.MAVLink_command_long_message(1, 1, 400, 0, 0, 21196, 0, 0, 0, 0, 0)
     terminate = mavlink.MAVLink_command_long_message(1, 1, 185, 0, 1, 0, 0, 0, 0, 0, 0)
     everyone = mavlink.MAVLink_command_long_message(0, 0, 400, 0, 0, 21196, 0, 0, 0, 0, 0)
@@ -110,4 +110,11 @@ def _signed_wrongly(frame: bytes, rng: np.random.Generator) -> bytes:
     extra = bytes([mavlink.mavlink_map[frame[7] | frame[8] << 8 | frame[9] << 16].crc_extra])
     late = (1 << 47).to_bytes(6, "little")
     made_up = rng.integers(0, 256, size=6, dtype=np.uint8).tobytes()
-    return frame[:1] + body + checksum(body, extra).to_bytes(2, "little") + b"\0" + late + made_up
+    return (
+        frame[:1]
+        + body
+        + frame_checksum(body, extra).to_bytes(2, "little")
+        + b"\0"
+        + late
+        + made_up
+    )

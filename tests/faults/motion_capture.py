@@ -4,7 +4,7 @@ import asyncio
 from collections.abc import Callable, Iterable
 from typing import Any
 
-from wil_campaign.orchestrator.run.vehicles.pair import Pair
+from wil_campaign.orchestrator.run.vehicles.pair import VehiclePair
 from wil_campaign.orchestrator.state.run_state import RunState, Stage
 from wil_campaign.vehicles.readings import PoseReading
 
@@ -14,10 +14,10 @@ Alter = Callable[[PoseReading], Iterable[PoseReading]]
 
 def captured(
     vehicle: str, alter: Alter, *, stage: Stage, after_s: float = 0.0
-) -> Callable[[Pair, RunState], None]:
+) -> Callable[[VehiclePair, RunState], None]:
     """Return a disturbance: from a stage on, a vehicle's motion capture goes on as `alter` says."""
 
-    def disturb(pair: Pair, run_state: RunState) -> None:
+    def disturb(pair: VehiclePair, run_state: RunState) -> None:
         source: Any = pair.vehicles[vehicle]
         callbacks = source._mocap._callbacks
         deliver = tuple(callbacks)

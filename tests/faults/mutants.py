@@ -22,7 +22,7 @@ from wil_campaign.safety.evaluation import judge
 from wil_campaign.safety.evidence import agreement, coverage, evidence, poses
 from wil_campaign.safety.model.samples import PoseSample
 from wil_campaign.safety.oracles import contact, reached
-from wil_campaign.safety.oracles.passages import Passage
+from wil_campaign.safety.oracles.passages import GatePassage
 
 _TRIED = 12
 """Flights for each mutant at most."""
@@ -45,8 +45,8 @@ def _set(owner: Any, name: str, value: Any) -> Callable[[], None]:
 
 
 def _gaps() -> None:
-    coverage.Coverage._close_gap = lambda *_: None  # type: ignore[method-assign]
-    coverage.Coverage.tick = lambda *_: None  # type: ignore[method-assign]
+    coverage.SignalCoverage._close_gap = lambda *_: None  # type: ignore[method-assign]
+    coverage.SignalCoverage.tick = lambda *_: None  # type: ignore[method-assign]
 
 
 def _not_required() -> None:
@@ -56,9 +56,9 @@ def _not_required() -> None:
 
 
 def _any_order() -> None:
-    plain = reached.Reached._pass
+    plain = reached.ReachedOracle._pass
 
-    def take(self: Any, name: str, passage: Passage) -> Any:
+    def take(self: Any, name: str, passage: GatePassage) -> Any:
         done = [one.gate for one in self._through]
         if name not in done:
             gates = dict(self._route)
@@ -66,25 +66,25 @@ def _any_order() -> None:
             self._route = tuple((one, gates[one]) for one in (*done, name, *others))
         return plain(self, name, passage)
 
-    reached.Reached._pass = take  # type: ignore[method-assign]
+    reached.ReachedOracle._pass = take  # type: ignore[method-assign]
 
 
 def _beside_counts() -> None:
-    plain = reached.Reached._pass
+    plain = reached.ReachedOracle._pass
 
-    def take(self: Any, name: str, passage: Passage) -> Any:
+    def take(self: Any, name: str, passage: GatePassage) -> Any:
         return plain(self, name, replace(passage, reach_m=0.0, offset_m=0.0))
 
-    reached.Reached._pass = take  # type: ignore[method-assign]
+    reached.ReachedOracle._pass = take  # type: ignore[method-assign]
 
 
 def _blind_while_landing() -> None:
-    plain = contact.Clearance.on_pose
+    plain = contact.ClearanceOracle.on_pose
 
     def take(self: Any, sample: PoseSample) -> Any:
         return () if self.stages.at("land") is not None else plain(self, sample)
 
-    contact.Clearance.on_pose = take  # type: ignore[method-assign]
+    contact.ClearanceOracle.on_pose = take  # type: ignore[method-assign]
 
 
 def _without(signal: str) -> Callable[[], None]:
@@ -153,7 +153,7 @@ MUTANTS: dict[str, Mutant] = {
         lambda fault: _early(fault, "freeze") and fault.lone and fault.judged_by == "mavlink",
     ),
     "sources are not compared": Mutant(
-        _set(agreement.Agreement, "_compare", lambda _: None),
+        _set(agreement.PositionAgreement, "_compare", lambda _: None),
         lambda fault: fault.mode == "sim",
         _beside_the_bar,
     ),

@@ -38,9 +38,9 @@ from tests.faults.motion_capture import captured
 from tests.faults.relay import Change, lost_position, relay
 from tests.faults.truth_changes import truth_change
 from tests.orchestrator.conftest import vehicles_on
-from wil_campaign.campaigns.expansion.expansion import Options, load_campaign
-from wil_campaign.orchestrator.run.flight.run import fly
-from wil_campaign.orchestrator.run.vehicles.pair import Pair
+from wil_campaign.campaigns.expansion.expansion import ExpansionOptions, load_campaign
+from wil_campaign.orchestrator.run.flight.run import fly_one_run
+from wil_campaign.orchestrator.run.vehicles.pair import VehiclePair
 from wil_campaign.orchestrator.run_results.run_result import RunResult
 from wil_campaign.orchestrator.state.run_setup import RunOrder, RunSetup
 from wil_campaign.orchestrator.state.run_state import RunState, Stage
@@ -184,12 +184,12 @@ def inject(fault: SignalFault, folder: Path) -> Outcome:
 def fly_mission(
     fault: SignalFault,
     folder: Path,
-    disturb: Callable[[Pair, RunState], None] | None,
+    disturb: Callable[[VehiclePair, RunState], None] | None,
     prepare: Callable[[Path], None] = lambda _: None,
 ) -> RunResult:
     """Fly the flight of a fault, disturbed or not. prepare: changes the files of its folder."""
 
-    def begin(pair: Pair, run_state: RunState) -> None:
+    def begin(pair: VehiclePair, run_state: RunState) -> None:
         # What the vehicle itself says comes first, and then what is done to it.
         if disturb is not None:
             disturb(pair, run_state)
@@ -203,10 +203,10 @@ def fly_mission(
     run_folder.mkdir()
     path = mission_file(fault, folder)
     prepare(folder)
-    plan = load_campaign(path, Options()).runs[0]
+    plan = load_campaign(path, ExpansionOptions()).runs[0]
     order = RunOrder(plan=plan, folder=run_folder, clock="virtual")
     with vehicles_on():
-        return fly(RunSetup.of(order), lambda _: None, _Nobody(), disturb=begin)
+        return fly_one_run(RunSetup.of(order), lambda _: None, _Nobody(), disturb=begin)
 
 
 def fails_for_its_cause(fault: SignalFault, result: RunResult) -> bool:
@@ -260,7 +260,7 @@ class Strike:
         now_s = asyncio.get_running_loop().time()
         return since_s is not None and now_s >= since_s + fault.after_s
 
-    def disturb(self, pair: Pair, run_state: RunState) -> None:
+    def disturb(self, pair: VehiclePair, run_state: RunState) -> None:
         """Begin it when its stage comes."""
         fault, self.run_state = self.fault, run_state
         silence_better(fault, pair, run_state)
@@ -281,7 +281,7 @@ class Strike:
         elif fault.signal == "process":
             run_state.on_stage(lambda stage, _: self._entered(stage, pair))
 
-    def _entered(self, stage: Stage, pair: Pair) -> None:
+    def _entered(self, stage: Stage, pair: VehiclePair) -> None:
         if stage == self.fault.stage:
             loop = asyncio.get_running_loop()
             loop.call_later(self.fault.after_s, self._stop_vehicle, pair.vehicles)
@@ -305,14 +305,14 @@ def _go_on(vehicle: Any) -> None:
     vehicle._timer = vehicle._loop.call_soon(vehicle._tick)
 
 
-def silence_better(fault: SignalFault, pair: Pair, run_state: RunState) -> None:
+def silence_better(fault: SignalFault, pair: VehiclePair, run_state: RunState) -> None:
     """Keep from the judge what knows better than the judged source, where a fault says so."""
     if fault.lone:
         # The judge listens by then.
         run_state.on_stage(lambda stage, _: _silence(pair, fault, stage))
 
 
-def _silence(pair: Pair, fault: SignalFault, stage: Stage) -> None:
+def _silence(pair: VehiclePair, fault: SignalFault, stage: Stage) -> None:
     """Keep from the judge what knows better than the judged source, from takeoff on."""
     if stage != "takeoff":
         return

@@ -46,8 +46,8 @@ from tests.vehicles.embedded.running_vehicle import running_vehicle
 from wil_campaign.orchestrator.state.run_state import Stage
 from wil_campaign.vehicles.autopilots.registry import autopilot_named
 from wil_campaign.vehicles.embedded.process.process_settings import ProcessSettings
-from wil_campaign.vehicles.mavlink.codec import Codec
-from wil_campaign.vehicles.mavlink.framing import Frame
+from wil_campaign.vehicles.mavlink.codec import MavlinkCodec
+from wil_campaign.vehicles.mavlink.framing import MavlinkFrame
 
 _SIGNALS = (
     *("position",) * 5,
@@ -272,7 +272,7 @@ class _Flight:
     async def _station(self) -> AsyncIterator[int]:
         """Send by the guard's port for ground stations once the fault is active; gives the port."""
         fault = self._fault
-        codec = Codec(system_id=255, component_id=190)
+        codec = MavlinkCodec(system_id=255, component_id=190)
         system = 1 if fault.subject == "real" else 2
         loop = asyncio.get_running_loop()
         transport, guard = await loop.create_datagram_endpoint(
@@ -320,7 +320,7 @@ class _Flight:
         await asyncio.sleep(LOST_AFTER_S)
         self._position_is_lost = True
 
-    def _own_report(self, frame: Frame) -> Frame:
+    def _own_report(self, frame: MavlinkFrame) -> MavlinkFrame:
         lost = self._position_is_lost and frame.message_id in ESTIMATOR_REPORTS
         return frame._replace(raw=without_position(frame)) if lost else frame
 

@@ -13,9 +13,9 @@ from contextlib import asynccontextmanager
 from pathlib import Path
 
 from tests.faults.inspection import processes_of
-from wil_campaign.orchestrator.operator.campaign_records import places
+from wil_campaign.orchestrator.operator.campaign_records import operator_places
 from wil_campaign.safety.guard.process.orphaned_processes import reap_orphans
-from wil_campaign.safety.guard.process.runtime_folder import sweep
+from wil_campaign.safety.guard.process.runtime_folder import sweep_runtime_folder
 
 _LOOK_S = 0.2
 _TABLES = ("unix", "udp", "udp6", "tcp", "tcp6", "raw", "packet", "netlink")
@@ -88,9 +88,9 @@ def start_again(runtime: Path) -> None:
     before = os.environ.get("XDG_RUNTIME_DIR")
     os.environ["XDG_RUNTIME_DIR"] = str(runtime)
     try:
-        places()
+        operator_places()
         reap_orphans(folder)
-        sweep(folder)
+        sweep_runtime_folder(folder)
     finally:
         if before is None:
             del os.environ["XDG_RUNTIME_DIR"]

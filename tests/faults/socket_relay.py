@@ -19,9 +19,9 @@ from tests.faults.alterations import Alteration
 from tests.faults.images import AlteredImage, altered_image
 from tests.faults.motion_capture import Alter
 from tests.faults.relay import Change
-from wil_campaign.foundation.processes.codec import MessageError
-from wil_campaign.vehicles.embedded.process.feed import Mocap, from_vehicle
-from wil_campaign.vehicles.mavlink.framing import Frame, FrameSplitter
+from wil_campaign.foundation.processes.codec import ProcessMessageError
+from wil_campaign.vehicles.embedded.process.feed import MocapMessage, from_vehicle
+from wil_campaign.vehicles.mavlink.framing import FrameSplitter, MavlinkFrame
 from wil_campaign.vehicles.readings import PoseReading
 
 _HOST = "127.0.0.1"
@@ -73,7 +73,7 @@ class MavlinkRelay:
     message_ids: Collection[int] | None
     is_active: IsActive
     port: int = 0
-    own: Callable[[Frame], Frame] | None = None
+    own: Callable[[MavlinkFrame], MavlinkFrame] | None = None
     altered: int = 0
     heard: asyncio.Event = field(default_factory=asyncio.Event)
     _splitter: FrameSplitter = field(default_factory=FrameSplitter)
@@ -156,9 +156,9 @@ class CaptureRelay:
     def _pass_on(self, data: bytes, send: Callable[[bytes], None]) -> None:
         try:
             message = from_vehicle.decode(data)
-        except MessageError:
+        except ProcessMessageError:
             return
-        if not isinstance(message, Mocap):
+        if not isinstance(message, MocapMessage):
             return
         active = self.is_active()
         self.altered += active

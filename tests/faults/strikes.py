@@ -19,7 +19,7 @@ from tests.faults.draws import Fault
 from tests.faults.mortal_loop import MortalLoop
 from wil_campaign.orchestrator.recording.timestamps import VIRTUAL_EPOCH_S
 from wil_campaign.orchestrator.run.vehicles import vehicle_backends
-from wil_campaign.orchestrator.run.vehicles.pair import Pair
+from wil_campaign.orchestrator.run.vehicles.pair import VehiclePair
 from wil_campaign.vehicles.links.link import Link
 from wil_campaign.vehicles.links.signed_link import SignedLink
 from wil_campaign.vehicles.mavlink.signing_key import key_from_environment
@@ -33,7 +33,7 @@ _ORDERS = ("position", "send")
 class Strike:
     """One fault in one run: strikes, and takes back what may be taken back."""
 
-    def __init__(self, fault: Fault, pair: Pair, folder: Path) -> None:
+    def __init__(self, fault: Fault, pair: VehiclePair, folder: Path) -> None:
         self.fault = fault
         self.hit = "nobody"
         self.killed: set[asyncio.Task[Any]] = set()

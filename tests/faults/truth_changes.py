@@ -8,7 +8,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from tests.faults.alterations import JUMPS_FRAMES, Alteration
 from tests.faults.relay import Change
-from wil_campaign.vehicles.mavlink.framing import Frame, with_payload
+from wil_campaign.vehicles.mavlink.framing import MavlinkFrame, frame_with_payload
 from wil_campaign.worlds.frames import Vec3
 
 HIL_STATE: int = mavlink.MAVLINK_MSG_ID_HIL_STATE_QUATERNION
@@ -19,9 +19,9 @@ _M_PER_1E7_DEG = 0.0111319
 
 def truth_change(signal: str, alteration: Alteration) -> Change:
     """Return what goes on in the place of a ground truth, from the first one on."""
-    first: list[Frame] = []
+    first: list[MavlinkFrame] = []
 
-    def change(frame: Frame) -> Iterable[tuple[float, bytes]]:
+    def change(frame: MavlinkFrame) -> Iterable[tuple[float, bytes]]:
         first.append(frame)
         match alteration.kind:
             case "stop":
@@ -42,7 +42,7 @@ def truth_change(signal: str, alteration: Alteration) -> Change:
     return change
 
 
-def moved(frame: Frame, offset_m: Vec3) -> bytes:
+def moved(frame: MavlinkFrame, offset_m: Vec3) -> bytes:
     """Return a ground truth from another place; its velocity and attitude stay."""
     latitude, longitude, up = _place(frame)
     north_m, east_m, down_m = offset_m
@@ -55,12 +55,12 @@ def moved(frame: Frame, offset_m: Vec3) -> bytes:
     return _placed(frame, place)
 
 
-def _full(frame: Frame) -> bytearray:
+def _full(frame: MavlinkFrame) -> bytearray:
     size = mavlink.mavlink_map[frame.message_id].unpacker.size
     return bytearray(frame.payload.ljust(size, b"\0"))
 
 
-def _place(frame: Frame) -> Vec3:
+def _place(frame: MavlinkFrame) -> Vec3:
     """Return latitude and longitude in 1e-7 degrees, and the height in the message's own unit."""
     payload = _full(frame)
     if frame.message_id == HIL_STATE:
@@ -71,7 +71,7 @@ def _place(frame: Frame) -> Vec3:
     return latitude, longitude, height
 
 
-def _placed(frame: Frame, place: Vec3) -> bytes:
+def _placed(frame: MavlinkFrame, place: Vec3) -> bytes:
     payload = _full(frame)
     latitude, longitude, height = place
     if frame.message_id == HIL_STATE:
@@ -79,10 +79,10 @@ def _placed(frame: Frame, place: Vec3) -> bytes:
     else:
         struct.pack_into("<2i", payload, 84, round(latitude), round(longitude))
         struct.pack_into("<f", payload, 60, height)
-    return with_payload(frame, bytes(payload))
+    return frame_with_payload(frame, bytes(payload))
 
 
-def _without_attitude(frame: Frame) -> bytes:
+def _without_attitude(frame: MavlinkFrame) -> bytes:
     payload = _full(frame)
     struct.pack_into("<f", payload, 8 if frame.message_id == HIL_STATE else 0, math.nan)
-    return with_payload(frame, bytes(payload))
+    return frame_with_payload(frame, bytes(payload))

@@ -21,15 +21,15 @@ from tests.faults.mortal_loop import MortalLoop
 from tests.faults.readable import unreadable
 from tests.faults.strikes import KEY, Strike, signing_vehicles
 from tests.faults.witness import Witness
-from wil_campaign.campaigns.expansion.expansion import Options, load_campaign
+from wil_campaign.campaigns.expansion.expansion import ExpansionOptions, load_campaign
 from wil_campaign.orchestrator.run.flight import run as running
 from wil_campaign.orchestrator.run.perception.warm_up import warm_up
-from wil_campaign.orchestrator.run.vehicles.pair import Pair
+from wil_campaign.orchestrator.run.vehicles.pair import VehiclePair
 from wil_campaign.orchestrator.run_results.run_result import RunResult
 from wil_campaign.orchestrator.state.run_setup import RunOrder, RunSetup
 from wil_campaign.orchestrator.state.run_state import RunState, Stage
-from wil_campaign.safety.guard.core.commands import Alive
-from wil_campaign.safety.guard.core.contingency import Phase
+from wil_campaign.safety.guard.core.commands import OrchestratorAlive
+from wil_campaign.safety.guard.core.contingency import ContingencyPhase
 from wil_campaign.safety.guard.core.operator_command import OperatorCommand
 from wil_campaign.vehicles.links.link_conditions import KeySource
 
@@ -95,7 +95,7 @@ class _Flight:
         self.fault = fault
         self.folder = folder
         self.stage = "over"
-        self.pair: Pair | None = None
+        self.pair: VehiclePair | None = None
         self.run_state: RunState | None = None
         self.strike: Strike | None = None
         self.witness = Witness({})
@@ -107,7 +107,7 @@ class _Flight:
     def hit(self) -> str:
         return "nobody" if self.strike is None else self.strike.hit
 
-    def disturb(self, pair: Pair, run_state: RunState) -> None:
+    def disturb(self, pair: VehiclePair, run_state: RunState) -> None:
         self.pair, self.run_state = pair, run_state
         self.strike = Strike(self.fault, pair, self.folder)
         self.witness = Witness(pair.vehicles)
@@ -121,7 +121,7 @@ class _Flight:
         now_s = asyncio.get_running_loop().time()
         silent = self.hit == "orchestrator" and now_s < self.fault.at_s + self.fault.for_s
         if self.pair is not None and not silent:
-            self.pair.guard.send(Alive())
+            self.pair.guard.send(OrchestratorAlive())
         asyncio.get_running_loop().call_later(_BEAT_S, self._beat)
 
     def _strike(self) -> None:
@@ -175,7 +175,7 @@ class _Flight:
         task = asyncio.current_task()
         assert task is not None
         self.main = task
-        flown = running.Flown(setup)
+        flown = running.FlownRun(setup)
         begun = flown.fly(lambda _: None, _Nobody(), self.disturb)
         self.run = asyncio.create_task(begun, name="run")
         loop = asyncio.get_running_loop()
@@ -197,7 +197,7 @@ class _Flight:
 
 
 def setup_of(fault: Fault, folder: Path) -> RunSetup:
-    options = Options(cases=("large",), modes=("wil",), sets=_SMALL)
+    options = ExpansionOptions(cases=("large",), modes=("wil",), sets=_SMALL)
     plan = load_campaign(ROOT / "campaigns" / f"{fault.campaign}.yaml", options).runs[0]
     setup = RunSetup.of(RunOrder(plan=plan, folder=folder, clock="virtual"))
     if fault.victim != "forged":
@@ -285,7 +285,7 @@ def _unguarded(flight: _Flight) -> list[str]:
     return found + [
         f"the guard did not bring {name} down: {phases[name].value}"
         for name in others
-        if phases[name] is not Phase.DOWN
+        if phases[name] is not ContingencyPhase.DOWN
     ]
 
 

@@ -14,12 +14,12 @@ from tests.faults.signals import Outcome, SignalFault, Strike, mission_file
 from tests.orchestrator.conftest import vehicles_on, workers_forked
 from wil_campaign.campaigns.expansion.expansion import Campaign, load_campaign
 from wil_campaign.orchestrator.campaign.campaign_runner import fly_campaign
-from wil_campaign.orchestrator.campaign.flight_options import Cleared, FlightOptions
+from wil_campaign.orchestrator.campaign.flight_options import ClearedCampaign, FlightOptions
 from wil_campaign.orchestrator.campaign.workers.local_workers import LocalWorkers
 from wil_campaign.orchestrator.campaign.workers.run_order import completed_run, fly_order
 from wil_campaign.orchestrator.campaign.workers.run_server import start_run_server
 from wil_campaign.orchestrator.cli.progress_display import SilentDisplay
-from wil_campaign.orchestrator.operator.run_messages import Inbox, Report
+from wil_campaign.orchestrator.operator.run_messages import OperatorInbox, Report
 from wil_campaign.orchestrator.run.flight import run as running
 from wil_campaign.orchestrator.run_results.run_result import RunResult
 from wil_campaign.orchestrator.state.run_setup import RunOrder
@@ -80,20 +80,20 @@ class _Engine:
         return LocalWorkers(fly_washed, completed_run)
 
 
-def fly_washed(order: RunOrder, report: Report, inbox: Inbox) -> RunResult:
+def fly_washed(order: RunOrder, report: Report, inbox: OperatorInbox) -> RunResult:
     """Fly an order; its first attempt with the fault in its campaign's folder."""
     written = order.plan.files.campaign.path.parent / "fault.json"
-    fly = running.fly
+    fly = running.fly_one_run
     if not order.attempts and written.exists():
         given = json.loads(written.read_text())
         alteration = Alteration(**given["alteration"])
         strike = Strike(SignalFault(**{**given, "alteration": alteration}))
-        running.fly = partial(fly, disturb=strike.disturb)
+        running.fly_one_run = partial(fly, disturb=strike.disturb)
     try:
         with vehicles_on():
             return fly_order(order, report, inbox)
     finally:
-        running.fly = fly
+        running.fly_one_run = fly
 
 
 def inject(fault: SignalFault, washed: SignalFault, folder: Path) -> Outcome:
@@ -116,7 +116,7 @@ def inject(fault: SignalFault, washed: SignalFault, folder: Path) -> Outcome:
     start_run_server()
     with workers_forked():
         options = FlightOptions(out=folder / "out")
-        cleared = Cleared("virtual", 1, engine=_Engine())
+        cleared = ClearedCampaign("virtual", 1, engine=_Engine())
         flown = fly_campaign(load_campaign(path), options, cleared, SilentDisplay())
     (run,) = flown.summary.runs
     accepted = run.verdict == "PASS" or flown.exit_code == 0

@@ -13,9 +13,9 @@ from typing import Any, Literal, cast
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from tests.faults.relay import LOCAL_POSITION_NED, Position, with_flags
-from wil_campaign.orchestrator.run.vehicles.pair import Pair
+from wil_campaign.orchestrator.run.vehicles.pair import VehiclePair
 from wil_campaign.orchestrator.state.run_state import RunState
-from wil_campaign.vehicles.mavlink.framing import Frame, FrameSplitter, with_payload
+from wil_campaign.vehicles.mavlink.framing import FrameSplitter, MavlinkFrame, frame_with_payload
 from wil_campaign.vehicles.mavlink.heartbeats import HeartbeatKind
 from wil_campaign.worlds.frames import Vec3, add
 
@@ -31,15 +31,15 @@ _STAMPED_MS = frozenset({LOCAL_POSITION_NED, mavlink.MAVLINK_MSG_ID_ATTITUDE_QUA
 _LATER_MS = 10_000
 """A second board was switched on so much later than the first one."""
 
-WireChange = Callable[[Frame, RunState], Iterable[bytes]]
+WireChange = Callable[[MavlinkFrame, RunState], Iterable[bytes]]
 Hold = Literal["fix", "absolute", "glitch", "dead reckoning", "height"]
 """What an estimator loses. dead reckoning: its fix and its absolute position, and it says so."""
 
 
-def through(change: WireChange, vehicle: str = "twin") -> Callable[[Pair, RunState], None]:
+def through(change: WireChange, vehicle: str = "twin") -> Callable[[VehiclePair, RunState], None]:
     """Return a disturbance: what a vehicle sends goes on as `change` says."""
 
-    def disturb(pair: Pair, run_state: RunState) -> None:
+    def disturb(pair: VehiclePair, run_state: RunState) -> None:
         far: Any = pair.vehicles[vehicle]
         near = far._link._other
         pass_on, splitter = near._take, FrameSplitter()
@@ -54,22 +54,22 @@ def through(change: WireChange, vehicle: str = "twin") -> Callable[[Pair, RunSta
     return disturb
 
 
-def padded(frame: Frame, size: int) -> bytearray:
+def padded(frame: MavlinkFrame, size: int) -> bytearray:
     """Return a frame's payload with the zeros that MAVLink 2 cuts off."""
     return bytearray(frame.payload.ljust(size, b"\0"))
 
 
-def headed(frame: Frame, turned_rad: float) -> bytes:
+def headed(frame: MavlinkFrame, turned_rad: float) -> bytes:
     """Return an ATTITUDE_QUATERNION with another heading."""
     payload = padded(frame, 48)
     w, x, y, z = struct.unpack_from("<4f", payload, 4)
     c, s = math.cos(turned_rad / 2.0), math.sin(turned_rad / 2.0)
     turned = (c * w - s * z, c * x - s * y, c * y + s * x, c * z + s * w)
     struct.pack_into("<4f", payload, 4, *turned)
-    return with_payload(frame, bytes(payload))
+    return frame_with_payload(frame, bytes(payload))
 
 
-def without_hold(frame: Frame, what: Hold) -> bytes:
+def without_hold(frame: MavlinkFrame, what: Hold) -> bytes:
     """Return a frame of an estimator, or of its GPS, that has lost something."""
     if frame.message_id in ESTIMATORS:
         absolute = mavlink.ESTIMATOR_POS_HORIZ_ABS if what in {"absolute", "dead reckoning"} else 0
@@ -79,16 +79,16 @@ def without_hold(frame: Frame, what: Hold) -> bytes:
     if frame.message_id == mavlink.MAVLINK_MSG_ID_GPS_RAW_INT and what in {"fix", "dead reckoning"}:
         payload = padded(frame, 30)
         payload[28:30] = b"\1\3"
-        return with_payload(frame, bytes(payload))
+        return frame_with_payload(frame, bytes(payload))
     return frame.raw
 
 
-def numbered(frame: Frame, seq: int, payload: bytes | None = None) -> bytes:
+def numbered(frame: MavlinkFrame, seq: int, payload: bytes | None = None) -> bytes:
     """Return a frame with another number, and another payload where one is given."""
     raw = frame.raw[:4] + bytes([seq % 256]) + frame.raw[5:]
     size = mavlink.mavlink_map[frame.message_id].unpacker.size
     whole = bytes(padded(frame, size)) if payload is None else payload
-    return with_payload(frame._replace(raw=raw, seq=seq % 256), whole)
+    return frame_with_payload(frame._replace(raw=raw, seq=seq % 256), whole)
 
 
 class OtherSender:
@@ -101,7 +101,7 @@ class OtherSender:
         self._kind, self._text = kind, text
         self.sent = 0
 
-    def beside(self, frame: Frame) -> Iterable[bytes]:
+    def beside(self, frame: MavlinkFrame) -> Iterable[bytes]:
         """Return what it sends beside a frame of the vehicle."""
         if frame.message_id != mavlink.MAVLINK_MSG_ID_HEARTBEAT:
             return
@@ -124,14 +124,14 @@ class Board:
         self._kind, self._aloft_m = kind, aloft_m
         self._seq = 77
 
-    def beside(self, frame: Frame) -> Iterable[bytes]:
+    def beside(self, frame: MavlinkFrame) -> Iterable[bytes]:
         """Return what it sends beside a frame of the vehicle."""
         if self._aloft_m is not None:
             yield self._moved(frame)
         elif frame.message_id == LOCAL_POSITION_NED:
             yield from self._standing(frame)
 
-    def _moved(self, frame: Frame) -> bytes:
+    def _moved(self, frame: MavlinkFrame) -> bytes:
         size = mavlink.mavlink_map[frame.message_id].unpacker.size
         payload = padded(frame, size)
         if frame.message_id in _STAMPED_MS:
@@ -144,7 +144,7 @@ class Board:
         self._seq += 1
         return numbered(frame, self._seq, bytes(payload))
 
-    def _standing(self, frame: Frame) -> Iterable[bytes]:
+    def _standing(self, frame: MavlinkFrame) -> Iterable[bytes]:
         mav = mavlink.MAVLink(None, frame.system, 1)
         boot_ms = max(0, Position.of(frame).boot_ms - _LATER_MS)
         beat = mavlink.MAVLink_heartbeat_message(*self._kind, 29, 4 << 16 | 3 << 24, 3, 3)
@@ -205,7 +205,7 @@ class WireFault:
         self._other = OtherSender(*OTHERS[kind]) if kind in OTHERS else None
         self._router = Router()
 
-    def change(self, frame: Frame) -> Iterable[bytes]:
+    def change(self, frame: MavlinkFrame) -> Iterable[bytes]:
         """Return what goes on in a frame's place."""
         active = self._is_active()
         if self._kind in HEADINGS:
@@ -222,11 +222,11 @@ class WireFault:
             if frame.message_id == mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION:
                 payload = padded(frame, 78)
                 payload[8:16], payload[60:78] = b"\x07" * 8, b"\x07" * 18
-                yield with_payload(frame, bytes(payload))
+                yield frame_with_payload(frame, bytes(payload))
         else:
             yield without_hold(frame, cast(Hold, self._kind)) if active else frame.raw
 
-    def _headed(self, frame: Frame, *, active: bool) -> bytes:
+    def _headed(self, frame: MavlinkFrame, *, active: bool) -> bytes:
         """Return a frame with the heading of now."""
         if frame.message_id != mavlink.MAVLINK_MSG_ID_ATTITUDE_QUATERNION:
             return frame.raw

@@ -8,12 +8,12 @@ from pathlib import Path
 
 import pytest
 
-from wil_campaign.campaigns.expansion.expansion import Options, load_campaign
+from wil_campaign.campaigns.expansion.expansion import ExpansionOptions, load_campaign
 from wil_campaign.orchestrator.campaign.workers.run_server import start_run_server
 from wil_campaign.orchestrator.cli import main
 from wil_campaign.orchestrator.operator import operator_log
-from wil_campaign.orchestrator.operator.run_messages import Inbox, Report
-from wil_campaign.orchestrator.run.flight.run import Disturb, fly
+from wil_campaign.orchestrator.operator.run_messages import OperatorInbox, Report
+from wil_campaign.orchestrator.run.flight.run import Disturb, fly_one_run
 from wil_campaign.orchestrator.run.vehicles import vehicle_backends
 from wil_campaign.orchestrator.run_results.run_result import RunResult
 from wil_campaign.orchestrator.state import run_log
@@ -150,7 +150,7 @@ def fly_run(tmp_path: Path) -> Fly:
         *,
         sets: tuple[str, ...] = (),
         seed: int | None = None,
-        inbox: Inbox | None = None,
+        inbox: OperatorInbox | None = None,
         disturb: Disturb | None = None,
         report: Report = lambda _: None,
         has_cameras: bool = True,
@@ -160,7 +160,7 @@ def fly_run(tmp_path: Path) -> Fly:
         nonlocal flown
         flown += 1
         sets = (*(cameras if has_cameras else ()), *sets)
-        options = Options(cases=(case,), modes=(mode,), seed=seed, sets=sets)
+        options = ExpansionOptions(cases=(case,), modes=(mode,), seed=seed, sets=sets)
         file = ROOT / "campaigns" / f"{campaign}.yaml"
         if "\ncontrols:" in file.read_text("utf-8"):
             # What a test sets may leave a control nothing to fail by; one run is flown here.
@@ -171,6 +171,6 @@ def fly_run(tmp_path: Path) -> Fly:
         order = RunOrder(plan=plan, folder=folder, clock="virtual")
         setup = RunSetup.of(order)
         with nullcontext() if boots else vehicles_on():
-            return fly(setup, report, inbox or NoCommands(), disturb=disturb), folder
+            return fly_one_run(setup, report, inbox or NoCommands(), disturb=disturb), folder
 
     return fly_one

@@ -12,28 +12,28 @@ import pytest
 from tests.orchestrator.campaign.resuming.test_runs_to_fly import quick_fly
 from tests.orchestrator.flights import log_of
 from tests.orchestrator.hover import write_hover
-from wil_campaign.campaigns.expansion.expansion import Options, load_campaign
+from wil_campaign.campaigns.expansion.expansion import ExpansionOptions, load_campaign
 from wil_campaign.orchestrator.campaign.campaign_runner import (
     CampaignOutcome,
     fly_campaign,
 )
-from wil_campaign.orchestrator.campaign.flight_options import Cleared, FlightOptions
+from wil_campaign.orchestrator.campaign.flight_options import ClearedCampaign, FlightOptions
 from wil_campaign.orchestrator.campaign.workers import run_engine
 from wil_campaign.orchestrator.cli.progress_display import SilentDisplay
-from wil_campaign.orchestrator.operator.run_messages import Inbox, Report
+from wil_campaign.orchestrator.operator.run_messages import OperatorInbox, Report
 from wil_campaign.orchestrator.run_results.run_result import RunResult
 from wil_campaign.orchestrator.state.run_setup import RunOrder
 
 
-def raise_key_error(order: RunOrder, report: Report, inbox: Inbox) -> RunResult:
+def raise_key_error(order: RunOrder, report: Report, inbox: OperatorInbox) -> RunResult:
     raise KeyError("lost")
 
 
-def raise_cancelled(order: RunOrder, report: Report, inbox: Inbox) -> RunResult:
+def raise_cancelled(order: RunOrder, report: Report, inbox: OperatorInbox) -> RunResult:
     raise asyncio.CancelledError("lost")
 
 
-def end_badly(order: RunOrder, report: Report, inbox: Inbox) -> RunResult:
+def end_badly(order: RunOrder, report: Report, inbox: OperatorInbox) -> RunResult:
     Finalize(None, os._exit, args=(7,), exitpriority=100)
     return quick_fly(order, report, inbox)
 
@@ -58,9 +58,9 @@ class Listening(SilentDisplay):
 def fly(
     folder: Path, watcher: SilentDisplay | None = None, *, resume: bool = False
 ) -> CampaignOutcome:
-    campaign = load_campaign(write_hover(folder), Options(repetitions=1))
+    campaign = load_campaign(write_hover(folder), ExpansionOptions(repetitions=1))
     options = FlightOptions(out=folder / "out", resume=resume)
-    cleared = Cleared("virtual", 1)
+    cleared = ClearedCampaign("virtual", 1)
     return fly_campaign(campaign, options, cleared, watcher or SilentDisplay())
 
 

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from wil_campaign.recipes.model.registry import Context, Stage, find
+from wil_campaign.recipes.model.registry import Stage, StepContext, find_step
 from wil_campaign.recipes.operations.optics import scaled_intrinsics
 from wil_campaign.recipes.working import Masked
 from wil_campaign.vehicles.readings import (
@@ -29,11 +29,11 @@ CAMERA = Intrinsics.from_fov(WIDTH, HEIGHT, 1.2)
 
 
 def build(
-    name: str, /, context: Context | None = None, stage: Stage | None = None, **parameters: Any
+    name: str, /, context: StepContext | None = None, stage: Stage | None = None, **parameters: Any
 ) -> Any:
-    kind = find(name, stage)
+    kind = find_step(name, stage)
     assert kind is not None
-    return kind.build(kind.parameters(**parameters), context or Context())
+    return kind.build(kind.parameters(**parameters), context or StepContext())
 
 
 def apply(name: str, reading: Any, other: Any = None, /, **parameters: Any) -> Any:

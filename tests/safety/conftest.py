@@ -12,9 +12,9 @@ from tests.vehicles.px4_modes import px4_custom_mode
 from wil_campaign.safety.guard.core.events import GuardEvent, Output, ToOrchestrator, ToVehicle
 from wil_campaign.safety.guard.core.guard_core import GuardCore
 from wil_campaign.safety.model.samples import PoseSample
-from wil_campaign.vehicles.autopilots.autopilot import Autopilot, Mode, Target
+from wil_campaign.vehicles.autopilots.autopilot import Autopilot, FlightMode, MavlinkTarget
 from wil_campaign.vehicles.autopilots.px4 import Px4
-from wil_campaign.vehicles.mavlink.codec import Codec
+from wil_campaign.vehicles.mavlink.codec import MavlinkCodec
 from wil_campaign.worlds.frames import Pose
 
 STEP_S = 0.05
@@ -32,7 +32,7 @@ class FakeVehicle:
     autopilot: Autopilot = field(default_factory=Px4)
     system: int = 1
     armed: bool = True
-    mode: Mode = Mode.GUIDED
+    mode: FlightMode = FlightMode.GUIDED
     pilot_mode: bool = False
     up_m: float = 2.0
     north_m: float = 0.0
@@ -40,7 +40,7 @@ class FakeVehicle:
     critical: bool = False
     deaf: bool = False
     mute: bool = False
-    ignores: frozenset[Mode] = frozenset()
+    ignores: frozenset[FlightMode] = frozenset()
     stuck: bool = False
     disarms: bool = True
     tells_landed: bool = True
@@ -49,13 +49,13 @@ class FakeVehicle:
     setpoints: int = 0
 
     def __post_init__(self) -> None:
-        self.codec = Codec(system_id=self.system, component_id=1)
-        self._last_mode: Mode | None = None
+        self.codec = MavlinkCodec(system_id=self.system, component_id=1)
+        self._last_mode: FlightMode | None = None
         self._beat_s = -9.0
 
     @property
-    def target(self) -> Target:
-        return Target(self.system)
+    def target(self) -> MavlinkTarget:
+        return MavlinkTarget(self.system)
 
     def words(self) -> list[str]:
         return [word for _, word in self.heard]
@@ -88,7 +88,7 @@ class FakeVehicle:
             self.heard.append((t_s, "TERMINATE"))
             self.armed = False
 
-    def _requested_mode(self, message: Any) -> Mode:
+    def _requested_mode(self, message: Any) -> FlightMode:
         custom = int(message.param2)
         if isinstance(self.autopilot, Px4):
             custom = px4_custom_mode(int(message.param2), int(message.param3))
@@ -96,15 +96,15 @@ class FakeVehicle:
 
     def step(self, t_s: float) -> None:
         self.north_m += self.north_m_s * STEP_S
-        if self.mode in {Mode.HOLD, Mode.LAND}:
+        if self.mode in {FlightMode.HOLD, FlightMode.LAND}:
             self.north_m_s = 0.0
-        if self.mode is Mode.LAND and self.armed and not self.stuck:
+        if self.mode is FlightMode.LAND and self.armed and not self.stuck:
             self.up_m = max(0.0, self.up_m - 0.5 * STEP_S)
         if self.up_m > 0.0:
             self.landed_s = None
         elif self.landed_s is None:
             self.landed_s = t_s
-        if self.disarms and self.mode is Mode.LAND and self.landed_s is not None:
+        if self.disarms and self.mode is FlightMode.LAND and self.landed_s is not None:
             self.armed = self.armed and t_s - self.landed_s < 1.0
 
     def frames(self, t_s: float) -> bytes:
@@ -131,20 +131,28 @@ class FakeVehicle:
     def _custom_mode(self) -> int:
         if isinstance(self.autopilot, Px4):
             modes = {
-                Mode.PILOT: (3, 0),
-                Mode.HOLD: (4, 3),
-                Mode.TAKEOFF: (4, 2),
-                Mode.GUIDED: (6, 0),
-                Mode.LAND: (4, 6),
-                Mode.RTL: (4, 5),
-                Mode.MISSION: (4, 4),
+                FlightMode.PILOT: (3, 0),
+                FlightMode.HOLD: (4, 3),
+                FlightMode.TAKEOFF: (4, 2),
+                FlightMode.GUIDED: (6, 0),
+                FlightMode.LAND: (4, 6),
+                FlightMode.RTL: (4, 5),
+                FlightMode.MISSION: (4, 4),
             }
             return px4_custom_mode(*modes[self.mode])
-        numbers = {Mode.PILOT: 0, Mode.HOLD: 17, Mode.GUIDED: 4, Mode.LAND: 9, Mode.RTL: 6}
+        numbers = {
+            FlightMode.PILOT: 0,
+            FlightMode.HOLD: 17,
+            FlightMode.GUIDED: 4,
+            FlightMode.LAND: 9,
+            FlightMode.RTL: 6,
+        }
         return numbers[self.mode]
 
     def sample(self, t_s: float) -> PoseSample:
-        falls_m_s = 0.5 if self.mode is Mode.LAND and not self.stuck and self.up_m > 0 else 0.0
+        falls_m_s = (
+            0.5 if self.mode is FlightMode.LAND and not self.stuck and self.up_m > 0 else 0.0
+        )
         place = Pose((self.north_m, 0.0, -self.up_m))
         return PoseSample(t_s, self.name, place, (self.north_m_s, 0.0, falls_m_s))
 

@@ -8,24 +8,24 @@ from hypothesis import strategies as st
 
 from wil_campaign.safety.fence.geofence import Fence
 from wil_campaign.safety.preflight import (
-    Item,
-    at_least,
-    at_most,
+    PreflightItem,
+    at_least_item,
+    at_most_item,
     distance_item,
+    faults_item,
     gps_items,
     ground_truth_item,
     home_item,
+    items_with_overrides,
     pair_item,
-    refused,
+    refused_items_text,
     separation_item,
-    settled,
-    without_faults,
 )
-from wil_campaign.vehicles.autopilots.failsafes import Failsafes
+from wil_campaign.vehicles.autopilots.failsafes import AutopilotFailsafes
 from wil_campaign.vehicles.autopilots.registry import autopilot_named
 
 
-def failsafes(autopilot: str) -> Failsafes:
+def failsafes(autopilot: str) -> AutopilotFailsafes:
     return autopilot_named(autopilot).failsafes
 
 
@@ -44,40 +44,40 @@ SOUND: dict[str, dict[str, float]] = {
 @pytest.mark.parametrize(
     ("item", "outcome", "text"),
     [
-        (at_least("battery", "real", 0.8, 0.3, unit="", what="its charge"), "ok", ""),
+        (at_least_item("battery", "real", 0.8, 0.3, unit="", what="its charge"), "ok", ""),
         (
-            at_least("battery", "real", 0.2, 0.3, unit="", what="its charge"),
+            at_least_item("battery", "real", 0.2, 0.3, unit="", what="its charge"),
             "refused",
             "its charge is 0.2, and at least 0.3 is required",
         ),
         (
-            at_least("battery", "real", None, 0.3, unit="", what="its charge"),
+            at_least_item("battery", "real", None, 0.3, unit="", what="its charge"),
             "refused",
             "its charge is not known",
         ),
         (
-            at_most("clock", "real", math.inf, 0.25, unit="s", what="its error"),
+            at_most_item("clock", "real", math.inf, 0.25, unit="s", what="its error"),
             "refused",
             "its error is not known",
         ),
         (
-            at_most("clock", "real", 0.3, 0.25, unit="s", what="its error"),
+            at_most_item("clock", "real", 0.3, 0.25, unit="s", what="its error"),
             "refused",
             "its error is 0.3 s, and at most 0.25 s is allowed",
         ),
         (
-            at_least("disk", "", 1996.4, 2000.0, unit="MB", what="free space"),
+            at_least_item("disk", "", 1996.4, 2000.0, unit="MB", what="free space"),
             "refused",
             "free space is 1996 MB, and at least 2000 MB is required",
         ),
         (
-            at_most("return_altitude", "real", 15.004, 15.0, unit="m", what="it"),
+            at_most_item("return_altitude", "real", 15.004, 15.0, unit="m", what="it"),
             "refused",
             "it is 15.004 m, and at most 15 m is allowed",
         ),
-        (without_faults("estimator", "twin", ()), "ok", ""),
+        (faults_item("estimator", "twin", ()), "ok", ""),
         (
-            without_faults("estimator", "twin", ("no gps", "no height")),
+            faults_item("estimator", "twin", ("no gps", "no height")),
             "refused",
             "no gps; no heig",
         ),
@@ -108,25 +108,25 @@ SOUND: dict[str, dict[str, float]] = {
         (distance_item("ghost", "real", math.nan, stated_m=30.0), "refused", "is not known"),
     ],
 )
-def test_each_check_has_its_outcome_and_text(item: Item, outcome: str, text: str) -> None:
+def test_each_check_has_its_outcome_and_text(item: PreflightItem, outcome: str, text: str) -> None:
     assert item.outcome == outcome
     assert text in item.text
-    assert bool(refused([item])) is (outcome == "refused")
+    assert bool(refused_items_text([item])) is (outcome == "refused")
 
 
 def test_an_override_names_who_takes_it_on_and_covers_nothing_else() -> None:
     items = (
-        without_faults("failsafe", "real", ["off"]),
-        without_faults("estimator", "real", ["no height"]),
-        without_faults("failsafe", "twin", ()),
+        faults_item("failsafe", "real", ["off"]),
+        faults_item("estimator", "real", ["no height"]),
+        faults_item("failsafe", "twin", ()),
     )
-    settled_items = settled(items, {"failsafe": "J. Doe"})
+    settled_items = items_with_overrides(items, {"failsafe": "J. Doe"})
     assert [(one.outcome, one.by) for one in settled_items] == [
         ("overridden", "J. Doe"),
         ("refused", ""),
         ("ok", ""),
     ]
-    assert refused(settled_items) == "real estimator: no height"
+    assert refused_items_text(settled_items) == "real estimator: no height"
     assert str(settled_items[0]) == "real failsafe: off (overridden by J. Doe)"
 
 
@@ -219,8 +219,8 @@ def test_older_firmware_has_older_names_and_units() -> None:
 @given(st.floats(), st.floats(0, 1e3))
 def test_no_number_of_an_item_is_not_finite(actual: float, limit: float) -> None:
     for item in (
-        at_least("battery", "real", actual, limit, unit="", what="it"),
-        at_most("clock", "real", actual, limit, unit="s", what="it"),
+        at_least_item("battery", "real", actual, limit, unit="", what="it"),
+        at_most_item("clock", "real", actual, limit, unit="s", what="it"),
     ):
         assert item.actual is None or math.isfinite(item.actual)
         assert (item.outcome == "ok") is (item.text == "")

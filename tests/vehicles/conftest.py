@@ -10,7 +10,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from wil_campaign.vehicles.links.link import Link
 from wil_campaign.vehicles.links.memory import memory_pair
-from wil_campaign.vehicles.mavlink.codec import Codec
+from wil_campaign.vehicles.mavlink.codec import MavlinkCodec
 
 Reply = Callable[["FakePeer", Any], None]
 
@@ -26,7 +26,7 @@ class FakePeer:
         self, link: Link, *, autopilot: int, custom_mode: int = 0, system: int = 1
     ) -> None:
         self.link = link
-        self.codec = Codec(system_id=system, component_id=1)
+        self.codec = MavlinkCodec(system_id=system, component_id=1)
         self.autopilot = autopilot
         self.vehicle_type = mavlink.MAV_TYPE_QUADROTOR
         self.custom_mode = custom_mode

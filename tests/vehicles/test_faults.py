@@ -5,14 +5,20 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from wil_campaign.campaigns.schema.faults import SignalFaultPart
-from wil_campaign.vehicles.faults import LATEST_S, LONGEST_S, Fault, FaultError, parse_fault
+from wil_campaign.vehicles.faults import (
+    LATEST_S,
+    LONGEST_S,
+    FaultTextError,
+    InjectedFault,
+    parse_fault,
+)
 
 moments = st.integers(0, 86_400_000).map(lambda ms: ms / 1000.0)
 lengths = st.none() | st.integers(1, 3_600_000).map(lambda ms: ms / 1000.0)
-for_good = st.builds(Fault, st.sampled_from(["kill", "unmute"]), after_s=moments)
-mutes = st.builds(Fault, st.just("mute"), after_s=moments, for_s=lengths)
+for_good = st.builds(InjectedFault, st.sampled_from(["kill", "unmute"]), after_s=moments)
+mutes = st.builds(InjectedFault, st.just("mute"), after_s=moments, for_s=lengths)
 motors = st.builds(
-    Fault,
+    InjectedFault,
     st.just("motor"),
     st.integers(0, 3),
     st.floats(0.0, 2.0),
@@ -20,7 +26,7 @@ motors = st.builds(
     for_s=lengths,
 )
 signals = st.builds(
-    Fault,
+    InjectedFault,
     st.sampled_from(["pose_source", "estimate", "camera"]),
     kind=st.sampled_from(["stop", "freeze"]),
     after_s=moments,
@@ -29,15 +35,17 @@ signals = st.builds(
 
 
 @given(for_good | mutes | motors | signals)
-def test_faults_survive_as_texts(fault: Fault) -> None:
+def test_faults_survive_as_texts(fault: InjectedFault) -> None:
     assert parse_fault(str(fault)) == fault
 
 
 def test_faults_are_read_as_people_write_them() -> None:
-    assert parse_fault("motor@12") == Fault("motor", 0, 0.0, after_s=12.0)
-    assert parse_fault("motor 2") == Fault("motor", 2, 0.0)
-    assert parse_fault("mute @ 5+2") == Fault("mute", after_s=5.0, for_s=2.0)
-    assert parse_fault("pose_source freeze@1.5") == Fault("pose_source", kind="freeze", after_s=1.5)
+    assert parse_fault("motor@12") == InjectedFault("motor", 0, 0.0, after_s=12.0)
+    assert parse_fault("motor 2") == InjectedFault("motor", 2, 0.0)
+    assert parse_fault("mute @ 5+2") == InjectedFault("mute", after_s=5.0, for_s=2.0)
+    assert parse_fault("pose_source freeze@1.5") == InjectedFault(
+        "pose_source", kind="freeze", after_s=1.5
+    )
 
 
 @pytest.mark.parametrize(
@@ -51,7 +59,9 @@ def test_faults_are_read_as_people_write_them() -> None:
     ],
 )
 def test_unknown_faults_are_refused_with_the_known_ones(text: str) -> None:
-    with pytest.raises(FaultError, match=r"is not a fault; there are kill, mute, .* camera stop"):
+    with pytest.raises(
+        FaultTextError, match=r"is not a fault; there are kill, mute, .* camera stop"
+    ):
         parse_fault(text)
 
 

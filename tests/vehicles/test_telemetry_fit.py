@@ -9,7 +9,7 @@ from wil_campaign.vehicles.autopilots.registry import autopilot_named
 from wil_campaign.vehicles.telemetry_fit import (
     SHARE_DOWN,
     RadioTooSlowError,
-    fitted,
+    fitted_telemetry_rates,
     telemetry_bytes_s,
 )
 
@@ -18,22 +18,22 @@ WANTED = TelemetryRates()
 
 
 def test_a_fast_link_gets_the_wanted_rates() -> None:
-    assert fitted(PX4, WANTED, radio_bit_s=1e6) == WANTED
+    assert fitted_telemetry_rates(PX4, WANTED, radio_bit_s=1e6) == WANTED
 
 
 def test_a_telemetry_radio_gets_fewer_positions_and_all_of_the_rest() -> None:
-    rates = fitted(PX4, WANTED, radio_bit_s=57_600 * 0.8)
+    rates = fitted_telemetry_rates(PX4, WANTED, radio_bit_s=57_600 * 0.8)
     assert 15.0 <= rates.position_hz < 30.0
     assert rates.attitude_hz == rates.position_hz
     assert (rates.status_hz, rates.state_hz) == (WANTED.status_hz, WANTED.state_hz)
-    assert fitted(PX4, WANTED, radio_bit_s=57_600 * 0.8, signed=True).position_hz < (
-        rates.position_hz
-    )
+    assert fitted_telemetry_rates(
+        PX4, WANTED, radio_bit_s=57_600 * 0.8, signed=True
+    ).position_hz < (rates.position_hz)
 
 
 def test_a_radio_that_is_too_slow_is_refused() -> None:
     with pytest.raises(RadioTooSlowError, match=r"a radio of 9.6 kbit/s carries \d positions"):
-        fitted(PX4, WANTED, radio_bit_s=9_600)
+        fitted_telemetry_rates(PX4, WANTED, radio_bit_s=9_600)
 
 
 @given(
@@ -46,7 +46,7 @@ def test_fitted_telemetry_takes_no_more_than_its_share(
 ) -> None:
     strategy = autopilot_named(autopilot)
     try:
-        rates = fitted(strategy, WANTED, radio_bit_s=radio_bit_s, signed=signed)
+        rates = fitted_telemetry_rates(strategy, WANTED, radio_bit_s=radio_bit_s, signed=signed)
     except RadioTooSlowError:
         return
     taken = telemetry_bytes_s(strategy, rates, signed=signed)
@@ -56,9 +56,11 @@ def test_fitted_telemetry_takes_no_more_than_its_share(
 
 def test_a_ground_truth_comes_as_often_as_positions_and_takes_its_share() -> None:
     wanted = TelemetryRates(truth_hz=50.0)
-    rates = fitted(PX4, wanted, radio_bit_s=100_000.0)
+    rates = fitted_telemetry_rates(PX4, wanted, radio_bit_s=100_000.0)
     assert rates.truth_hz == rates.position_hz < 50.0
-    assert rates.position_hz < fitted(PX4, WANTED, radio_bit_s=100_000.0).position_hz
+    assert (
+        rates.position_hz < fitted_telemetry_rates(PX4, WANTED, radio_bit_s=100_000.0).position_hz
+    )
     taken = telemetry_bytes_s(PX4, rates, signed=False)
     assert taken * 8.0 <= SHARE_DOWN * 100_000.0
-    assert fitted(PX4, WANTED, radio_bit_s=57_600.0).truth_hz == 0.0
+    assert fitted_telemetry_rates(PX4, WANTED, radio_bit_s=57_600.0).truth_hz == 0.0

@@ -19,13 +19,19 @@ from tests.test_house import ROOT
 from wil_campaign import hooks, installed_plugins
 from wil_campaign.campaigns.schema import campaign_model
 from wil_campaign.campaigns.schema.autonomy import autonomy_model
-from wil_campaign.installed_plugins import SHIPPED, absent, added, installed, load
+from wil_campaign.installed_plugins import (
+    SHIPPED,
+    absent_additions,
+    installed_plugins_by_name,
+    load_plugin_object,
+    plugin_additions,
+)
 from wil_campaign.orchestrator.cli import main
 from wil_campaign.orchestrator.report.campaign_report import write_report
-from wil_campaign.recipes.model.registry import steps
+from wil_campaign.recipes.model.registry import registered_steps
 from wil_campaign.safety.guard.process.guard_config import GuardConfig
 from wil_campaign.safety.oracles.registry import oracle_kinds
-from wil_campaign.vehicles.autopilots.registry import strategies
+from wil_campaign.vehicles.autopilots.registry import autopilot_strategies
 from wil_campaign.vehicles.embedded.emulations import emulations
 from wil_campaign.vehicles.links import link_conditions
 from wil_campaign.vehicles.links.link_factory import LinkRequest, open_link
@@ -166,8 +172,8 @@ def forget_plugins() -> None:
     campaign_model.cache_clear()
     autonomy_model.cache_clear()
     oracle_kinds.cache_clear()
-    steps.cache_clear()
-    strategies.cache_clear()
+    registered_steps.cache_clear()
+    autopilot_strategies.cache_clear()
     link_conditions._layers.cache_clear()
     emulations.cache_clear()
     for known in (kinds.sensor_specs, kinds.reading_types, kinds.faults_of_types, kinds._names):
@@ -199,29 +205,29 @@ def test_a_plugin_adds_a_kind_of_links_and_what_links_go_through(install: Instal
         parse_link("sonr:///dev/hydrophone:9600")
     link: Any = open_link(address, signed=True)
     assert link == LinkRequest(address, signed=True)
-    water = load("wil_sonar:Water")(depth_m=40.0)
+    water = load_plugin_object("wil_sonar:Water")(depth_m=40.0)
     sent = guard_config(Path("/run"), conditions=link_conditions.LinkConditions(air=(water,)))
     conditions = GuardConfig.unpacked(sent.packed()).vehicles["real"].conditions
     assert conditions.air == (water,)
     site = link_conditions.LinkSite(system_id=7)
-    through: Any = link_conditions.under_conditions([link], conditions, utc_s=0.0, site=site)
+    through: Any = link_conditions.link_under_conditions([link], conditions, utc_s=0.0, site=site)
     assert through.link == (link, 40.0, 7)
 
 
 def test_the_table_of_what_ships_is_what_the_plugins_add() -> None:
     """By it a tree without a plugin names the plugin."""
-    shipped = {one.name: one.adds for one in installed() if one.origin == "shipped"}
+    shipped = {one.name: one.adds for one in installed_plugins_by_name() if one.origin == "shipped"}
     assert shipped == SHIPPED
     assert set(shipped) == {path.parent.name for path in (ROOT / "plugins").glob("*/__init__.py")}
 
 
 @pytest.mark.parametrize("hook", sorted(HOOKS))
 def test_all_that_a_shipped_plugin_names_is_there(hook: str) -> None:
-    additions: Mapping[str, Any] = added(getattr(hooks, hook))
+    additions: Mapping[str, Any] = plugin_additions(getattr(hooks, hook))
     for addition in additions.values():
         for value in dataclasses.asdict(addition).values():
             if isinstance(value, str) and re.fullmatch(r"[\w.]+:\w+", value):
-                assert load(value) is not None, value
+                assert load_plugin_object(value) is not None, value
 
 
 def test_each_hook_is_tested_here() -> None:
@@ -1052,7 +1058,7 @@ def test_gate_flies_without_any_plugin_and_absent_parts_are_named(tmp_path: Path
     for name, plugin in (("run", "python"), ("Recording", "python"), ("Study", "statistics")):
         assert f"'{name}' is of the plugin {plugin}, which is not installed: pip " in done.stdout
     assert re.search(r"types\.yaml:2:\d+: 'microphone' is of the plugin microphone, ", done.stderr)
-    assert absent(hooks.commands) == {}
+    assert absent_additions(hooks.commands) == {}
 
 
 def run_without(plugins: set[str], code: str, folder: Path) -> "subprocess.CompletedProcess[str]":

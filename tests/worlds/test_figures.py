@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from wil_campaign.worlds.figures import distinct_text
+from wil_campaign.worlds.figures import distinct_value_text
 
 
 @pytest.mark.parametrize(
@@ -24,7 +24,7 @@ from wil_campaign.worlds.figures import distinct_text
 def test_a_value_has_the_digits_that_tell_it_from_its_limit(
     value: float, limit: float, text: str
 ) -> None:
-    assert distinct_text(value, limit) == text
+    assert distinct_value_text(value, limit) == text
 
 
 numbers = st.floats(-1e6, 1e6)
@@ -32,6 +32,6 @@ numbers = st.floats(-1e6, 1e6)
 
 @given(numbers, numbers)
 def test_a_text_is_on_the_same_side_of_the_limit_as_its_value(value: float, limit: float) -> None:
-    shown = float(distinct_text(value, limit))
+    shown = float(distinct_value_text(value, limit))
     if value != limit:
         assert (shown < limit, shown > limit) == (value < limit, value > limit)

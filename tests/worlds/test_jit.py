@@ -15,9 +15,9 @@ from wil_campaign.worlds import jit
 _FIRST_KERNEL = """
 import sys
 import numpy as np
-from wil_campaign.worlds.jit import inlined
+from wil_campaign.worlds.jit import jit_inlined
 
-@inlined
+@jit_inlined
 def doubled(value):
     return 2.0 * value
 
@@ -104,12 +104,12 @@ def test_without_a_cache_a_kernel_is_compiled_in_each_process(
 ) -> None:
     monkeypatch.setattr(jit, "cache_folder", lambda _: None)
 
-    @jit.compiled
+    @jit.jit_compiled
     def doubled(value: float) -> float:
         return 2.0 * value
 
     assert doubled(1.5) == 3.0
-    assert not jit.is_cached(doubled)
+    assert not jit.is_kernel_cached(doubled)
 
 
 def test_the_key_of_the_cache_has_the_sources_of_all_kernels_that_a_kernel_may_call() -> None:
@@ -119,7 +119,7 @@ def test_the_key_of_the_cache_has_the_sources_of_all_kernels_that_a_kernel_may_c
         file
         for package in ("worlds", "vehicles", "plugins", "recipes")
         for file in (root / package).glob("**/*.py")
-        if "@compiled" in file.read_text("utf-8")
+        if "@jit_compiled" in file.read_text("utf-8")
     ]
     assert {"px4_kernel.py", "copter_kernel.py"} <= {file.name for file in files}
     for file in files:

@@ -10,7 +10,7 @@ from typing import Any, ClassVar, Literal
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from wil_campaign.vehicles.autopilots.estimator_losses import EstimatorLosses
-from wil_campaign.vehicles.autopilots.failsafes import Failsafes
+from wil_campaign.vehicles.autopilots.failsafes import AutopilotFailsafes
 from wil_campaign.vehicles.autopilots.ground_truth import GroundTruth
 from wil_campaign.vehicles.autopilots.map_projections import MapProjection
 from wil_campaign.vehicles.autopilots.readiness import Readiness, ReadinessRules
@@ -21,7 +21,7 @@ FenceAction = Literal["report", "hold", "land", "rtl"]
 """What an autopilot does on a breach of its own fence."""
 
 
-class Mode(Enum):
+class FlightMode(Enum):
     """A flight mode by its meaning, whatever the autopilot calls it."""
 
     HOLD = "hold"
@@ -37,7 +37,7 @@ class Mode(Enum):
 
 
 @dataclass(frozen=True, slots=True)
-class Target:
+class MavlinkTarget:
     """The target autopilot of a message: MAVLink system and component id."""
 
     system: int
@@ -76,7 +76,7 @@ class TelemetryRates:
     """Of messages with readings of its sensors."""
 
 
-def command_long(target: Target, command: int, *parameters: float) -> Any:
+def command_long(target: MavlinkTarget, command: int, *parameters: float) -> Any:
     """Return a COMMAND_LONG to an autopilot; parameters that are not given are 0."""
     padded = (*parameters, *([0.0] * (7 - len(parameters))))
     return mavlink.MAVLink_command_long_message(
@@ -91,7 +91,7 @@ def own_heartbeat() -> Any:
     )
 
 
-def names_board(version: Any) -> bool:
+def has_board_ids(version: Any) -> bool:
     """Return whether an AUTOPILOT_VERSION has a board's ids, which no simulation has.
 
     ArduPilot for boards with Linux (Navio2) has none either.
@@ -128,9 +128,9 @@ class Autopilot(ABC):
     """The rate of setpoints that keeps it in its guided mode."""
     streams_before_guided_s: ClassVar[float]
     """How long setpoints must stream before it accepts the guided mode; 0 for not at all."""
-    arming_mode: ClassVar[Mode]
+    arming_mode: ClassVar[FlightMode]
     """The mode to arm in, from which a takeoff command is accepted at once."""
-    takeoff_modes: ClassVar[tuple[Mode, ...]]
+    takeoff_modes: ClassVar[tuple[FlightMode, ...]]
     """The modes that it enters by itself after a takeoff command."""
     spool_s: ClassVar[float]
     """How long after arming its motors spool up, before it can take off."""
@@ -175,7 +175,7 @@ class Autopilot(ABC):
     """The pseudo-parameter by which it tells a digest of all of its parameters; None: by none."""
     restless_parameters: ClassVar[tuple[str, ...]] = ()
     """Patterns of parameters that it changes by itself, as counters and what a boot measures."""
-    failsafes: ClassVar[Failsafes]
+    failsafes: ClassVar[AutopilotFailsafes]
     oldest_version: ClassVar[tuple[int, int]]
     """The oldest firmware, major and minor, that supports what the strategy uses."""
     log_suffix: ClassVar[str]
@@ -189,7 +189,7 @@ class Autopilot(ABC):
     """Messages with readings that it never sends, with the reason and the remedy."""
 
     @abstractmethod
-    def mode_of(self, custom_mode: int) -> Mode:
+    def mode_of(self, custom_mode: int) -> FlightMode:
         """Return our mode for the autopilot's HEARTBEAT."""
 
     @abstractmethod
@@ -197,14 +197,16 @@ class Autopilot(ABC):
         """Return the autopilot's own name of the mode ("OFFBOARD", "BRAKE")."""
 
     @abstractmethod
-    def set_mode(self, target: Target, mode: Mode) -> Any:
+    def set_mode(self, target: MavlinkTarget, mode: FlightMode) -> Any:
         """Return the autopilot's MAV_CMD_DO_SET_MODE for HOLD, GUIDED, LAND, RTL or MISSION.
 
         Raises ValueError for other modes.
         """
 
     @abstractmethod
-    def takeoff(self, target: Target, *, altitude_m: float, ground_amsl_m: float | None) -> Any:
+    def takeoff(
+        self, target: MavlinkTarget, *, altitude_m: float, ground_amsl_m: float | None
+    ) -> Any:
         """Return the autopilot's NAV_TAKEOFF to `altitude_m` above the ground.
 
         ground_amsl_m: the autopilot's own estimate of that ground above mean sea level. Raises
@@ -283,7 +285,7 @@ class Autopilot(ABC):
 
     def velocity_setpoint(
         self,
-        target: Target,
+        target: MavlinkTarget,
         *,
         t_boot_ms: int,
         velocity_ned_m_s: Vec3,
@@ -297,7 +299,7 @@ class Autopilot(ABC):
         if yaw_rad is not None and yaw_rate_rad_s is not None:
             raise ValueError("a setpoint has a heading or a heading rate, not both")
         heading_mask = self._heading_mask(yaw_rad, yaw_rate_rad_s)
-        return local_target(
+        return local_target_message(
             target,
             t_boot_ms=t_boot_ms,
             type_mask=IGNORE_POSITION | IGNORE_ACCELERATION | heading_mask,
@@ -307,10 +309,15 @@ class Autopilot(ABC):
         )
 
     def position_setpoint(
-        self, target: Target, *, t_boot_ms: int, position_ned_m: Vec3, yaw_rad: float | None = None
+        self,
+        target: MavlinkTarget,
+        *,
+        t_boot_ms: int,
+        position_ned_m: Vec3,
+        yaw_rad: float | None = None,
     ) -> Any:
         """Return the autopilot's SET_POSITION_TARGET_LOCAL_NED of a position."""
-        return local_target(
+        return local_target_message(
             target,
             t_boot_ms=t_boot_ms,
             type_mask=IGNORE_VELOCITY | IGNORE_ACCELERATION | self._heading_mask(yaw_rad, None),
@@ -318,34 +325,34 @@ class Autopilot(ABC):
             yaw_rad=yaw_rad or 0.0,
         )
 
-    def arm(self, target: Target) -> Any:
+    def arm(self, target: MavlinkTarget) -> Any:
         """Return the command that arms, with all of the autopilot's checks."""
         return command_long(target, mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1.0)
 
-    def disarm(self, target: Target) -> Any:
+    def disarm(self, target: MavlinkTarget) -> Any:
         """Return the command that disarms; an autopilot in the air refuses it."""
         return command_long(target, mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0.0)
 
-    def terminate(self, target: Target) -> Any:
+    def terminate(self, target: MavlinkTarget) -> Any:
         """Return the autopilot's command that stops the motors at once, in the air too."""
         return command_long(target, mavlink.MAV_CMD_DO_FLIGHTTERMINATION, 1.0)
 
-    def set_simulation_pace(self, target: Target, times_real_time: float) -> Any:
+    def set_simulation_pace(self, target: MavlinkTarget, times_real_time: float) -> Any:
         """Return the message that sets the pace of its simulator; only where `heeds_pace`."""
         raise NotImplementedError(f"the pace of {self.label} can only be set at its start")
 
-    def request_interval(self, target: Target, rate: MessageRate) -> Any:
+    def request_interval(self, target: MavlinkTarget, rate: MessageRate) -> Any:
         """Return MAV_CMD_SET_MESSAGE_INTERVAL for one line of the autopilot's plan."""
         interval_us = round(1e6 / rate.rate_hz) if rate.rate_hz > 0 else -1
         return command_long(
             target, mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, float(rate.message_id), float(interval_us)
         )
 
-    def request_message(self, target: Target, message_id: int) -> Any:
+    def request_message(self, target: MavlinkTarget, message_id: int) -> Any:
         """Return MAV_CMD_REQUEST_MESSAGE for one message of the autopilot."""
         return command_long(target, mavlink.MAV_CMD_REQUEST_MESSAGE, float(message_id))
 
-    def request_checks(self, target: Target) -> Any:
+    def request_checks(self, target: MavlinkTarget) -> Any:
         """Return the command that makes the autopilot report failing pre-arm checks."""
         return command_long(target, mavlink.MAV_CMD_RUN_PREARM_CHECKS)
 
@@ -385,8 +392,8 @@ IGNORE_YAW_RATE = 1 << 11
 """POSITION_TARGET_TYPEMASK of SET_POSITION_TARGET_LOCAL_NED."""
 
 
-def local_target(
-    target: Target,
+def local_target_message(
+    target: MavlinkTarget,
     *,
     t_boot_ms: int,
     type_mask: int,

@@ -22,7 +22,7 @@ _RECEIVERS = frozenset({"GPS_RAW_INT", "GPS2_RAW"})
 
 
 @dataclass(frozen=True, slots=True)
-class Losses:
+class EstimatorLossReport:
     """What an estimator has lost, in words with its flags.
 
     others: of what it cannot fly without. position: of what holds its horizontal position in
@@ -68,10 +68,10 @@ class EstimatorLosses:
             self._had_fix = bool(self._had & mavlink.ESTIMATOR_POS_HORIZ_ABS) and self._has_fix
 
     @property
-    def lost(self) -> Losses:
+    def lost(self) -> EstimatorLossReport:
         """Return what the estimator had when the vehicle armed and does not have now."""
         if self._had is None or self._flags is None:
-            return Losses()
+            return EstimatorLossReport()
         gone = self._had & ~self._flags
         position = _lost_parts(gone, _PLACED_BY)
         if self._flags & ~self._had & self._glitch:
@@ -79,7 +79,7 @@ class EstimatorLosses:
         if self._had_fix and not self._has_fix:
             fixes = ", ".join(f"{name} fix_type {fix}" for name, fix in self._fixes.items())
             position.append(f"its GPS has lost its fix ({fixes})")
-        return Losses(tuple(_lost_parts(gone, _HAD)), tuple(position))
+        return EstimatorLossReport(tuple(_lost_parts(gone, _HAD)), tuple(position))
 
     @property
     def _has_fix(self) -> bool:

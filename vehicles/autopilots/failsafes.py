@@ -66,7 +66,7 @@ class FailsafeRule:
 
 
 @dataclass(frozen=True, slots=True)
-class AltitudeParameter:
+class ReturnAltitudeParameter:
     """The parameter of the return altitude in a failsafe, and its unit in metres."""
 
     name: str
@@ -74,7 +74,7 @@ class AltitudeParameter:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Failsafes:
+class AutopilotFailsafes:
     """An autopilot's own failsafes.
 
     on_silence: parameters with which an embedded one lands on link loss; a campaign's own `params`
@@ -87,7 +87,7 @@ class Failsafes:
 
     on_silence: Mapping[str, float]
     rules: tuple[FailsafeRule, ...]
-    return_altitudes: tuple[AltitudeParameter, ...]
+    return_altitudes: tuple[ReturnAltitudeParameter, ...]
     returning: Mapping[str, frozenset[int]]
     ways: Callable[[Mapping[str, float]], frozenset[ReturnsBy]]
     return_type: str | None = None

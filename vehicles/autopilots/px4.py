@@ -16,15 +16,15 @@ from wil_campaign.vehicles.autopilots.autopilot import (
     IGNORE_YAW_RATE,
     Autopilot,
     FenceAction,
-    Mode,
-    Target,
+    FlightMode,
+    MavlinkTarget,
     command_long,
 )
 from wil_campaign.vehicles.autopilots.failsafes import (
     SILENT_S,
-    AltitudeParameter,
+    AutopilotFailsafes,
     FailsafeRule,
-    Failsafes,
+    ReturnAltitudeParameter,
     ReturnsBy,
 )
 from wil_campaign.vehicles.autopilots.ground_truth import GroundTruth, read_hil_state
@@ -32,46 +32,46 @@ from wil_campaign.vehicles.autopilots.map_projections import Px4Projection
 from wil_campaign.vehicles.autopilots.readiness import ReadinessRules
 
 _AUTO = 4
-_SETTABLE: dict[Mode, tuple[int, int]] = {
-    Mode.HOLD: (_AUTO, 3),
-    Mode.GUIDED: (6, 0),
-    Mode.LAND: (_AUTO, 6),
-    Mode.RTL: (_AUTO, 5),
-    Mode.MISSION: (_AUTO, 4),
+_SETTABLE: dict[FlightMode, tuple[int, int]] = {
+    FlightMode.HOLD: (_AUTO, 3),
+    FlightMode.GUIDED: (6, 0),
+    FlightMode.LAND: (_AUTO, 6),
+    FlightMode.RTL: (_AUTO, 5),
+    FlightMode.MISSION: (_AUTO, 4),
 }
-_MAIN: dict[int, tuple[str, Mode]] = {
-    1: ("MANUAL", Mode.PILOT),
-    2: ("ALTCTL", Mode.PILOT),
-    3: ("POSCTL", Mode.PILOT),
-    5: ("ACRO", Mode.PILOT),
-    6: ("OFFBOARD", Mode.GUIDED),
-    7: ("STABILIZED", Mode.PILOT),
-    8: ("RATTITUDE", Mode.PILOT),
-    9: ("SIMPLE", Mode.PILOT),
-    10: ("TERMINATION", Mode.OTHER),
-    11: ("ALTITUDE_CRUISE", Mode.PILOT),
+_MAIN: dict[int, tuple[str, FlightMode]] = {
+    1: ("MANUAL", FlightMode.PILOT),
+    2: ("ALTCTL", FlightMode.PILOT),
+    3: ("POSCTL", FlightMode.PILOT),
+    5: ("ACRO", FlightMode.PILOT),
+    6: ("OFFBOARD", FlightMode.GUIDED),
+    7: ("STABILIZED", FlightMode.PILOT),
+    8: ("RATTITUDE", FlightMode.PILOT),
+    9: ("SIMPLE", FlightMode.PILOT),
+    10: ("TERMINATION", FlightMode.OTHER),
+    11: ("ALTITUDE_CRUISE", FlightMode.PILOT),
 }
-_AUTO_SUB: dict[int, tuple[str, Mode]] = {
-    1: ("READY", Mode.OTHER),
-    2: ("TAKEOFF", Mode.TAKEOFF),
-    3: ("HOLD", Mode.HOLD),
-    4: ("MISSION", Mode.MISSION),
-    5: ("RTL", Mode.RTL),
-    6: ("LAND", Mode.LAND),
-    8: ("FOLLOW_TARGET", Mode.OTHER),
-    9: ("PRECLAND", Mode.LAND),
-    10: ("VTOL_TAKEOFF", Mode.TAKEOFF),
+_AUTO_SUB: dict[int, tuple[str, FlightMode]] = {
+    1: ("READY", FlightMode.OTHER),
+    2: ("TAKEOFF", FlightMode.TAKEOFF),
+    3: ("HOLD", FlightMode.HOLD),
+    4: ("MISSION", FlightMode.MISSION),
+    5: ("RTL", FlightMode.RTL),
+    6: ("LAND", FlightMode.LAND),
+    8: ("FOLLOW_TARGET", FlightMode.OTHER),
+    9: ("PRECLAND", FlightMode.LAND),
+    10: ("VTOL_TAKEOFF", FlightMode.TAKEOFF),
 }
 
 
-def _describe_mode(custom_mode: int) -> tuple[str, Mode]:
+def _describe_mode(custom_mode: int) -> tuple[str, FlightMode]:
     """Return PX4's name of a custom mode, and our mode."""
     main, sub = custom_mode >> 16 & 0xFF, custom_mode >> 24 & 0xFF
     if main == _AUTO:
-        return _AUTO_SUB.get(sub, (f"AUTO {sub}", Mode.OTHER))
+        return _AUTO_SUB.get(sub, (f"AUTO {sub}", FlightMode.OTHER))
     if main == 3 and sub == 1:
-        return ("ORBIT", Mode.OTHER)
-    return _MAIN.get(main, (f"mode {main}/{sub}", Mode.OTHER))
+        return ("ORBIT", FlightMode.OTHER)
+    return _MAIN.get(main, (f"mode {main}/{sub}", FlightMode.OTHER))
 
 
 _LAND = 3
@@ -94,7 +94,7 @@ def _ways_of_return(values: Mapping[str, float]) -> frozenset[ReturnsBy]:
     return _WAYS_OF_RETURN.get(int(values.get("RTL_TYPE", 0)), _ANY_WAY)
 
 
-_FAILSAFES = Failsafes(
+_FAILSAFES = AutopilotFailsafes(
     on_silence={"NAV_DLL_ACT": float(_LAND), "COM_DL_LOSS_T": SILENT_S},
     rules=(
         FailsafeRule(
@@ -134,7 +134,7 @@ _FAILSAFES = Failsafes(
             wrong="it would fly on for too long when setpoints stop",
         ),
     ),
-    return_altitudes=(AltitudeParameter("RTL_RETURN_ALT", 1.0),),
+    return_altitudes=(ReturnAltitudeParameter("RTL_RETURN_ALT", 1.0),),
     returning={"NAV_DLL_ACT": frozenset({2}), "COM_OBL_RC_ACT": frozenset({3})},
     ways=_ways_of_return,
     return_type="RTL_TYPE",
@@ -154,8 +154,8 @@ class Px4(Autopilot):
     # "for at least a second": docs.px4.io, Offboard Mode.
     streams_before_guided_s: ClassVar[float] = 1.0
     # A takeoff armed in AUTO.TAKEOFF leaves the ground at once: a barrier needs to wait armed.
-    arming_mode: ClassVar[Mode] = Mode.HOLD
-    takeoff_modes: ClassVar[tuple[Mode, ...]] = (Mode.TAKEOFF, Mode.HOLD)
+    arming_mode: ClassVar[FlightMode] = FlightMode.HOLD
+    takeoff_modes: ClassVar[tuple[FlightMode, ...]] = (FlightMode.TAKEOFF, FlightMode.HOLD)
     spool_s: ClassVar[float] = 1.0
     """COM_SPOOLUP_TIME's default."""
     # MPC_TKO_RAMP_T is 3 s. Measured by our liftoff detector in flights of the gate in SIH.
@@ -190,11 +190,11 @@ class Px4(Autopilot):
     frame_parameters: ClassVar[tuple[str, ...]] = ("SYS_AUTOSTART",)
     # CRC-32 of all used parameters without volatile ones (param_hash_check in parameters.cpp).
     parameters_digest: ClassVar[str | None] = "_HASH_CHECK"
-    failsafes: ClassVar[Failsafes] = _FAILSAFES
+    failsafes: ClassVar[AutopilotFailsafes] = _FAILSAFES
     oldest_version: ClassVar[tuple[int, int]] = (1, 14)
     log_suffix: ClassVar[str] = ".ulg"
 
-    def mode_of(self, custom_mode: int) -> Mode:
+    def mode_of(self, custom_mode: int) -> FlightMode:
         """Return our mode for a PX4 HEARTBEAT."""
         return _describe_mode(custom_mode)[1]
 
@@ -202,7 +202,7 @@ class Px4(Autopilot):
         """Return PX4's name of the mode."""
         return _describe_mode(custom_mode)[0]
 
-    def set_mode(self, target: Target, mode: Mode) -> Any:
+    def set_mode(self, target: MavlinkTarget, mode: FlightMode) -> Any:
         """Return PX4's DO_SET_MODE (main mode, sub mode); raises ValueError for other modes."""
         if mode not in _SETTABLE:
             raise ValueError(f"{mode} is not a mode to set on PX4")
@@ -218,7 +218,9 @@ class Px4(Autopilot):
         """Return PX4's map projection around a place."""
         return Px4Projection(latitude_deg, longitude_deg)
 
-    def takeoff(self, target: Target, *, altitude_m: float, ground_amsl_m: float | None) -> Any:
+    def takeoff(
+        self, target: MavlinkTarget, *, altitude_m: float, ground_amsl_m: float | None
+    ) -> Any:
         """Return PX4's NAV_TAKEOFF at the present position and heading."""
         amsl_m = self._needed_amsl(ground_amsl_m) + altitude_m
         unused = (math.nan,) * 6

@@ -144,7 +144,7 @@ def _line_kernel(streak_px: Streak) -> NDArray[np.float32]:
     return kernel
 
 
-def streak_px(start: Pose, end: Pose, intrinsics: Intrinsics) -> Streak:
+def motion_streak_px(start: Pose, end: Pose, intrinsics: Intrinsics) -> Streak:
     """Return the camera's motion blur between two poses, pixels right and down.
 
     Of the point that was straight ahead, BLUR_DISTANCE_M away; none when it leaves the front.

@@ -1,7 +1,7 @@
 """Rendered cameras: one that takes images at its rate, and one that renders on demand from a pose.
 
 Images come from an ImageSource: this program's renderer, or a simulator in another process. A
-heavy job goes through `Compute`: inline under virtual time, in a thread under the wall clock.
+heavy job goes through `CameraCompute`: inline under virtual time, in a thread under the wall clock.
 """
 
 import asyncio
@@ -18,7 +18,7 @@ from wil_campaign.vehicles.cameras.camera_effects import (
     CameraEffects,
     CameraQuality,
     Streak,
-    streak_px,
+    motion_streak_px,
 )
 from wil_campaign.vehicles.errors import VehicleError
 from wil_campaign.vehicles.poses.pose_history import PoseHistory
@@ -34,16 +34,16 @@ from wil_campaign.worlds.camera import CameraMount, Intrinsics
 from wil_campaign.worlds.frames import Pose
 
 __all__ = [
+    "CameraCompute",
     "CameraQuality",
-    "Compute",
     "ImageSource",
     "NoImageError",
     "OnDemandCamera",
     "RenderedCamera",
     "RenderedImage",
-    "deliver_when_due",
-    "inline",
-    "next_tick",
+    "compute_inline",
+    "deliver_due_readings",
+    "next_camera_tick",
 ]
 
 MAX_POSE_AGE_S = 0.25
@@ -89,20 +89,20 @@ class ImageSource(Protocol):
         """Return a rendered image of the caller's own. Raises NoImageError."""
 
 
-def moving_in(image: RenderedImage) -> tuple[Pose, ...] | None:
+def moving_bodies_in_image(image: RenderedImage) -> tuple[Pose, ...] | None:
     """Return where moving bodies stood in an image; None for one that this program did not draw."""
     found: tuple[Pose, ...] | None = getattr(image, "moving", None)
     return found
 
 
-class Compute(Protocol):
+class CameraCompute(Protocol):
     """Runs a rendered camera's long jobs, and awaits them (protocol)."""
 
     def __call__(self, job: Callable[[], T], /) -> Awaitable[T]:
         """Return what the job returns."""
 
 
-async def inline(job: Callable[[], T], /) -> T:
+async def compute_inline(job: Callable[[], T], /) -> T:
     """Run a camera's job here, as virtual time wants it; else `asyncio.to_thread`."""
     return job()
 
@@ -141,7 +141,7 @@ class RenderedCamera:
         rng: np.random.Generator,
         mount: CameraMount | None = None,
         quality: CameraQuality | None = None,
-        compute: Compute = inline,
+        compute: CameraCompute = compute_inline,
         pose_delay_s: float = 0.0,
         on_missing: Callable[[str], None] | None = None,
     ) -> None:
@@ -165,7 +165,7 @@ class RenderedCamera:
         async with asyncio.TaskGroup() as tasks:
             tasks.create_task(self._expose(ready), name=f"{self._side} camera exposures")
             tasks.create_task(
-                deliver_when_due(ready, deliver), name=f"{self._side} camera delivery"
+                deliver_due_readings(ready, deliver), name=f"{self._side} camera delivery"
             )
 
     async def _expose(self, ready: asyncio.Queue[CameraReading]) -> None:
@@ -181,7 +181,7 @@ class RenderedCamera:
                 earliest_s = exposure.due_s
                 await self._expose_one(exposure, ready)
             behind_s = asyncio.get_running_loop().time() - shutter_s - start_s
-            following = max(seq + 1, next_tick(behind_s, self._rate_hz))
+            following = max(seq + 1, next_camera_tick(behind_s, self._rate_hz))
             self.left_out += following - seq - 1
             seq = following
 
@@ -210,7 +210,7 @@ class RenderedCamera:
         start, end = self._camera_pose(t_s - half_s), self._camera_pose(t_s + half_s)
         if start is None or end is None:
             return NO_STREAK
-        return streak_px(start, end, self._intrinsics)
+        return motion_streak_px(start, end, self._intrinsics)
 
     def _camera_pose(self, t_s: float) -> Pose | None:
         found = self._history.at(t_s)
@@ -224,7 +224,7 @@ class RenderedCamera:
         def job() -> tuple[BgrImage, Drawing | None]:
             raw = self._source.picture(exposure.camera_pose, self._intrinsics, exposure.t_s)
             image = self._effects.apply(raw.image_bgr, streak_px=streak, noise_roll_px=roll)
-            moving = moving_in(raw)
+            moving = moving_bodies_in_image(raw)
             if moving is None:
                 return image, None
             return image, Drawing(exposure.camera_pose, moving, self._effects.drawn(streak, roll))
@@ -256,7 +256,7 @@ class OnDemandCamera:
         intrinsics: Intrinsics,
         mount: CameraMount | None = None,
         side: Source = "twin",
-        compute: Compute = inline,
+        compute: CameraCompute = compute_inline,
     ) -> None:
         self._source = source
         self._intrinsics = intrinsics
@@ -281,7 +281,7 @@ class OnDemandCamera:
             )
 
         image = await self._compute(job)
-        moving = moving_in(image)
+        moving = moving_bodies_in_image(image)
         return CameraReading(
             t_s=t_s,
             arrived_s=asyncio.get_running_loop().time(),
@@ -296,12 +296,12 @@ class OnDemandCamera:
         )
 
 
-def next_tick(elapsed_s: float, rate_hz: float) -> int:
+def next_camera_tick(elapsed_s: float, rate_hz: float) -> int:
     """Return the number of the first camera tick k / rate_hz that is not over yet."""
     return int(np.ceil(elapsed_s * rate_hz - 1e-6))
 
 
-async def deliver_when_due(ready: asyncio.Queue[Any], deliver: Callable[[Any], None]) -> None:
+async def deliver_due_readings(ready: asyncio.Queue[Any], deliver: Callable[[Any], None]) -> None:
     """Deliver each queued reading at its `arrived_s`, stamped with the time of delivery."""
     while True:
         reading = await ready.get()

@@ -4,7 +4,7 @@ import math
 from collections.abc import Sequence
 
 
-class Exchange:
+class TimesyncExchange:
     """One TIMESYNC exchange: sent and received (run clock, s), and the vehicle's time.
 
     remote_s: the vehicle's time in seconds. round_trip_s, middle_s: of the run clock.
@@ -37,7 +37,7 @@ class SteadyPace:
         """
         self._step_s = 0.0
 
-    def steady(self, exchanges: Sequence[Exchange], step_s: float) -> int:
+    def steady(self, exchanges: Sequence[TimesyncExchange], step_s: float) -> int:
         """Return how many of the TIMESYNC exchanges, oldest first, one steady pace explains.
 
         step_s: by how much stamps may be too old. Call it once for each new exchange; older ones
@@ -52,9 +52,9 @@ class SteadyPace:
                 return len(exchanges)
         return self._compare_all(exchanges, step_s)
 
-    def _compare_all(self, exchanges: Sequence[Exchange], step_s: float) -> int:
+    def _compare_all(self, exchanges: Sequence[TimesyncExchange], step_s: float) -> int:
         slopes = (-math.inf, math.inf)
-        agreeing: list[Exchange] = []
+        agreeing: list[TimesyncExchange] = []
         for old in reversed(exchanges):
             for new in agreeing:
                 slopes = _permitted(old, new, step_s, slopes)
@@ -67,7 +67,7 @@ class SteadyPace:
 
 
 def _permitted(
-    old: Exchange, new: Exchange, step_s: float, slopes: tuple[float, float]
+    old: TimesyncExchange, new: TimesyncExchange, step_s: float, slopes: tuple[float, float]
 ) -> tuple[float, float]:
     span_s = new.remote_s - old.remote_s
     if span_s <= 0.0:

@@ -17,7 +17,7 @@ import math
 from collections import deque
 from dataclasses import dataclass
 
-from wil_campaign.vehicles.clocks.steady_pace import Exchange, SteadyPace
+from wil_campaign.vehicles.clocks.steady_pace import SteadyPace, TimesyncExchange
 
 _OFFSET_WINDOW_S = 5.0
 _JUMP_S = 0.05
@@ -69,7 +69,7 @@ class ClockMap:
     def __init__(self, *, window_s: float = 20.0, max_drift: float = 0.02) -> None:
         self._window_s = window_s
         self._max_drift = max_drift
-        self._exchanges: deque[Exchange] = deque()
+        self._exchanges: deque[TimesyncExchange] = deque()
         self._pace = SteadyPace()
         self._step_ns = 0
         self._rate = 1.0
@@ -108,7 +108,7 @@ class ClockMap:
             raise ValueError(
                 f"the TIMESYNC reply of {t_received_s} s is before its request of {t_sent_s} s"
             )
-        new = Exchange(t_sent_s, t_received_s, remote_ns)
+        new = TimesyncExchange(t_sent_s, t_received_s, remote_ns)
         if self._has_jumped(new):
             self._exchanges.clear()
             self._pace = SteadyPace()
@@ -159,7 +159,7 @@ class ClockMap:
         if not self._exchanges:
             raise ValueError("the vehicle has not answered TIMESYNC yet")
 
-    def _has_jumped(self, new: Exchange) -> bool:
+    def _has_jumped(self, new: TimesyncExchange) -> bool:
         """Return whether the vehicle's clock was set or restarted since the last TIMESYNC."""
         if not self._exchanges:
             return False
@@ -225,7 +225,7 @@ class ClockMap:
         return (low + high) / 2.0, (high - low) / 2.0
 
 
-def _round_trip(exchange: Exchange) -> float:
+def _round_trip(exchange: TimesyncExchange) -> float:
     return exchange.round_trip_s
 
 

@@ -7,10 +7,10 @@ verdicts are based on, are the same with every backend.
 from collections.abc import Callable
 from typing import Any, Protocol
 
-from wil_campaign.vehicles.autopilots.autopilot import Autopilot, Target
+from wil_campaign.vehicles.autopilots.autopilot import Autopilot, MavlinkTarget
 from wil_campaign.vehicles.driver.onboard.onboard import Onboard
 from wil_campaign.vehicles.driver.session.commands import Commander
-from wil_campaign.vehicles.driver.session.session import Session
+from wil_campaign.vehicles.driver.session.session import MavlinkSession
 from wil_campaign.vehicles.driver.vehicle_commands import VehicleCommands
 from wil_campaign.vehicles.errors import VehicleError
 from wil_campaign.vehicles.links.link import Link
@@ -36,15 +36,15 @@ class CommandBackend(Protocol):
     def on_failure(self, listener: FailureListener) -> None:
         """Call `listener` once when the command backend can no longer send."""
 
-    async def await_vehicle(self, target: Target, timeout_s: float) -> None:
+    async def await_vehicle(self, target: MavlinkTarget, timeout_s: float) -> None:
         """Set the backend's target vehicle. Raises VehicleError if it is not found."""
 
     def commands(
-        self, *, commander: Commander, autopilot: Autopilot, target: Target
+        self, *, commander: Commander, autopilot: Autopilot, target: MavlinkTarget
     ) -> VehicleCommands:
         """Return the backend's commands for the identified vehicle."""
 
-    def onboard(self, *, session: Session, circumstances: Callable[[], str]) -> Onboard:
+    def onboard(self, *, session: MavlinkSession, circumstances: Callable[[], str]) -> Onboard:
         """Return the backend's access to onboard data: parameters, missions, logs."""
 
 
@@ -61,15 +61,15 @@ class FrameBackend:
     def on_failure(self, listener: FailureListener) -> None:
         """Ignore the listener: the frame backend never fails."""
 
-    async def await_vehicle(self, target: Target, timeout_s: float) -> None:
+    async def await_vehicle(self, target: MavlinkTarget, timeout_s: float) -> None:
         """Do nothing: the backend's frames carry their target."""
 
     def commands(
-        self, *, commander: Commander, autopilot: Autopilot, target: Target
+        self, *, commander: Commander, autopilot: Autopilot, target: MavlinkTarget
     ) -> VehicleCommands:
         """Return commands by COMMAND_LONG."""
         return VehicleCommands(commander=commander, autopilot=autopilot, target=target)
 
-    def onboard(self, *, session: Session, circumstances: Callable[[], str]) -> Onboard:
+    def onboard(self, *, session: MavlinkSession, circumstances: Callable[[], str]) -> Onboard:
         """Return onboard access through the session."""
         return Onboard(session=session, circumstances=circumstances)

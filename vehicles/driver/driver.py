@@ -10,8 +10,8 @@ from typing import Any, Self
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from wil_campaign.foundation.tasks import stop, together
-from wil_campaign.vehicles.autopilots.autopilot import Mode, Target, TelemetryRates
+from wil_campaign.foundation.tasks import open_task_group, stop_tasks
+from wil_campaign.vehicles.autopilots.autopilot import FlightMode, MavlinkTarget, TelemetryRates
 from wil_campaign.vehicles.clocks.timesync import VehicleClock
 from wil_campaign.vehicles.driver.command_backend import (
     CommandBackend,
@@ -25,13 +25,13 @@ from wil_campaign.vehicles.driver.heading_monitor import HeadingListener, Headin
 from wil_campaign.vehicles.driver.identified_vehicle import IdentifiedVehicle
 from wil_campaign.vehicles.driver.onboard.gps_receiver import GroundSpeed
 from wil_campaign.vehicles.driver.onboard.parameter_digest import ParameterDigest
-from wil_campaign.vehicles.driver.refusals import arm_refused, not_ready
+from wil_campaign.vehicles.driver.refusals import arm_refused_error, not_ready_error
 from wil_campaign.vehicles.driver.session.commands import Commander
 from wil_campaign.vehicles.driver.session.conditions import ConditionWaiter
 from wil_campaign.vehicles.driver.session.identification import find_vehicle, request_identity
-from wil_campaign.vehicles.driver.session.identity import Identity, Wanted
+from wil_campaign.vehicles.driver.session.identity import VehicleIdentity, WantedVehicle
 from wil_campaign.vehicles.driver.session.link_monitor import LinkMonitor
-from wil_campaign.vehicles.driver.session.session import Handler, Session
+from wil_campaign.vehicles.driver.session.session import Handler, MavlinkSession
 from wil_campaign.vehicles.driver.session.timesync_requests import TimesyncRequester
 from wil_campaign.vehicles.driver.setpoint_sender import SetpointSender
 from wil_campaign.vehicles.driver.status_tracker import EventListener, StatusTracker
@@ -97,14 +97,16 @@ class Driver:
         self.name = name
         self._backend: CommandBackend = backend or FrameBackend()
         self._link = self._backend.join(link)
-        self._wanted = Wanted(None if autopilot == "auto" else autopilot, system_id)
+        self._wanted = WantedVehicle(None if autopilot == "auto" else autopilot, system_id)
         self._start = start
         gps_hz = min(_GROUND_SPEED_HZ, rates.position_hz)
         self._rates = replace(rates, ground_speed_hz=gps_hz)  # a fix that is lost is a fault
         self._anchor_given = False
         self._changes = ConditionWaiter()
-        self._session = Session(
-            link=self._link, own=Target(own_system_id, own_component), sender=self._backend.sender
+        self._session = MavlinkSession(
+            link=self._link,
+            own=MavlinkTarget(own_system_id, own_component),
+            sender=self._backend.sender,
         )
         self._link_monitor = LinkMonitor(
             session=self._session,
@@ -160,7 +162,7 @@ class Driver:
         await self._link.__aexit__(*raised)
 
     @property
-    def identity(self) -> Identity:
+    def identity(self) -> VehicleIdentity:
         """Return the vehicle's identity. Raises VehicleError before `identify`."""
         return self._require_identified().identity
 
@@ -280,7 +282,7 @@ class Driver:
         """Call `listener` once when the driver can no longer send; waits raise its error."""
         self._backend.on_failure(listener)
 
-    async def identify(self, timeout_s: float) -> Identity:
+    async def identify(self, timeout_s: float) -> VehicleIdentity:
         """Find and identify the vehicle, and request its telemetry and time.
 
         Raises IdentifyError, which says what was received instead.
@@ -358,7 +360,7 @@ class Driver:
                 break
             if loop.time() >= deadline_s:
                 what = f"{self.name}: not ready to arm within {timeout_s:g} s"
-                raise not_ready(vehicle, what, self._reasons(), self._circumstances())
+                raise not_ready_error(vehicle, what, self._reasons(), self._circumstances())
             for message in vehicle.messages_to_get_ready():
                 self._session.send(message)
         vehicle.streams.watch(only_known=True)
@@ -385,7 +387,7 @@ class Driver:
                 vehicle.commands.arm, lambda: status.state.armed, "armed"
             )
         except CommandError as error:
-            raise await arm_refused(vehicle, self.name, self._changes, error) from error
+            raise await arm_refused_error(vehicle, self.name, self._changes, error) from error
 
     async def disarm(self) -> None:
         """Disarm the vehicle on the ground. Raises CommandError when refused (in the air)."""
@@ -421,8 +423,8 @@ class Driver:
         if vehicle.autopilot.streams_before_guided_s > 0:
             vehicle.setpoints.keep_still()
             await asyncio.sleep(vehicle.autopilot.streams_before_guided_s)
-        if vehicle.status.state.mode is not Mode.GUIDED:
-            await self._set_mode(Mode.GUIDED)
+        if vehicle.status.state.mode is not FlightMode.GUIDED:
+            await self._set_mode(FlightMode.GUIDED)
 
     def send(self, setpoint: Setpoint) -> None:
         """Send the vehicle a setpoint (world frame); the caller renews it within the time-out.
@@ -450,11 +452,11 @@ class Driver:
 
     async def hold(self) -> None:
         """Hold position and ignore setpoints. Raises CommandError, StateTimeoutError."""
-        await self._set_mode(Mode.HOLD)
+        await self._set_mode(FlightMode.HOLD)
 
     async def land(self) -> None:
         """Start the vehicle's landing; see `disarmed`. Raises CommandError, StateTimeoutError."""
-        await self._set_mode(Mode.LAND)
+        await self._set_mode(FlightMode.LAND)
 
     async def terminate(self) -> None:
         """Stop the vehicle's motors at once, in the air too. Raises CommandError."""
@@ -469,14 +471,14 @@ class Driver:
         disarm.
         """
         status = self._require_identified().status
-        async with together() as tasks:
+        async with open_task_group() as tasks:
             disarming = tasks.create_task(
                 self._disarm_on_ground(timeout_s), name=f"disarming {self.name}"
             )
             await self._confirmed_command.await_effect(
                 lambda: not status.state.armed, timeout_s, "disarmed"
             )
-            await stop(disarming)
+            await stop_tasks(disarming)
 
     async def _disarm_on_ground(self, within_s: float) -> None:
         """Command disarming, again and again, while the vehicle stays armed on the ground."""
@@ -495,7 +497,7 @@ class Driver:
             raise VehicleError(f"{self.name}: not identified yet; await identify() first")
         return self._vehicle
 
-    async def _set_mode(self, mode: Mode) -> None:
+    async def _set_mode(self, mode: FlightMode) -> None:
         vehicle = self._require_identified()
         status = vehicle.status
         status.requested_modes = (mode,)
@@ -504,7 +506,7 @@ class Driver:
             lambda: status.state.mode is mode,
             f"in {mode.value}",
         )
-        if mode is not Mode.GUIDED:
+        if mode is not FlightMode.GUIDED:
             vehicle.setpoints.stop()
 
     def _capture_anchor(self) -> None:

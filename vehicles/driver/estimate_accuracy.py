@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from wil_campaign.vehicles.driver.session.session import Session
+from wil_campaign.vehicles.driver.session.session import MavlinkSession
 
 _POSITION_VARIANCES = (0, 6, 11)
 _ATTITUDE_VARIANCES = (15, 18, 20)
@@ -42,7 +42,7 @@ def accuracy_in(message: Any, arrived_s: float) -> ReportedAccuracy | None:
 class EstimateAccuracy:
     """Keeps the newest accuracy that a vehicle's estimator reported."""
 
-    def __init__(self, *, session: Session) -> None:
+    def __init__(self, *, session: MavlinkSession) -> None:
         self.newest: ReportedAccuracy | None = None
         session.on(mavlink.MAVLINK_MSG_ID_ODOMETRY, self._receive)
 

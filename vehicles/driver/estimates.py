@@ -12,7 +12,7 @@ from typing import Any
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from wil_campaign.vehicles.clocks.timesync import VehicleClock
-from wil_campaign.vehicles.driver.session.session import Session
+from wil_campaign.vehicles.driver.session.session import MavlinkSession
 from wil_campaign.vehicles.driver.vehicle_state import EstimateSample, LocalEstimate
 from wil_campaign.vehicles.errors import AnchorError
 from wil_campaign.vehicles.poses.anchor import Anchor, PoseAverage
@@ -114,7 +114,7 @@ class Estimates:
     came; what they raise goes to the loop's exception handler.
     """
 
-    def __init__(self, *, session: Session, clock: VehicleClock) -> None:
+    def __init__(self, *, session: MavlinkSession, clock: VehicleClock) -> None:
         self._session = session
         self._clock = clock
         self._pairing = EstimatePairing()

@@ -7,7 +7,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from wil_campaign.vehicles.driver.session.session import Session
+from wil_campaign.vehicles.driver.session.session import MavlinkSession
 from wil_campaign.vehicles.poses.headings import HeadingComparison, HeadingDifference
 
 _POSITION: Struct = mavlink.MAVLink_local_position_ned_message.unpacker
@@ -29,7 +29,7 @@ class HeadingMonitor:
     magnetometer that its autopilot uses (SYS_STATUS), and GPS_RAW_INT.
     """
 
-    def __init__(self, *, session: Session) -> None:
+    def __init__(self, *, session: MavlinkSession) -> None:
         self._session = session
         self._listeners: list[HeadingListener] = []
         self._comparison = HeadingComparison()

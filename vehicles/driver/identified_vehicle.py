@@ -5,10 +5,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
-from wil_campaign.vehicles.autopilots.autopilot import Autopilot, Mode, Target
+from wil_campaign.vehicles.autopilots.autopilot import Autopilot, FlightMode, MavlinkTarget
 from wil_campaign.vehicles.clocks.timesync import VehicleClock
 from wil_campaign.vehicles.driver.estimates import Estimates
-from wil_campaign.vehicles.driver.session.identity import Identity
+from wil_campaign.vehicles.driver.session.identity import VehicleIdentity
 from wil_campaign.vehicles.driver.setpoint_sender import SetpointSender
 from wil_campaign.vehicles.driver.status_tracker import StatusTracker
 from wil_campaign.vehicles.driver.telemetry_streams import TelemetryStreams
@@ -17,9 +17,9 @@ from wil_campaign.vehicles.mavlink.heartbeats import HeartbeatKind
 
 _LEAST_RATE = 0.5
 """The part of the requested position rate that must arrive."""
-_END_MODES = frozenset({Mode.GUIDED, Mode.LAND, Mode.RTL})
+_END_MODES = frozenset({FlightMode.GUIDED, FlightMode.LAND, FlightMode.RTL})
 """Modes in which our flights and the guard's interventions end."""
-_FOREIGN_MODES = frozenset({Mode.PILOT, Mode.MISSION, Mode.OTHER})
+_FOREIGN_MODES = frozenset({FlightMode.PILOT, FlightMode.MISSION, FlightMode.OTHER})
 """Modes that a pilot or another program has set, and may want."""
 
 
@@ -27,9 +27,9 @@ _FOREIGN_MODES = frozenset({Mode.PILOT, Mode.MISSION, Mode.OTHER})
 class IdentifiedVehicle:
     """An identified vehicle: its identity, its commands, and its state."""
 
-    identity: Identity
+    identity: VehicleIdentity
     autopilot: Autopilot
-    target: Target
+    target: MavlinkTarget
     status: StatusTracker
     streams: TelemetryStreams
     commands: VehicleCommands
@@ -45,7 +45,7 @@ class IdentifiedVehicle:
         if self._arms_in_hold and state.mode in _END_MODES:
             # A PX4 that landed in OFFBOARD returns to it, without setpoints; one that was commanded
             # to land on the ground stays in LAND. PX4 is ready in neither mode.
-            yield autopilot.set_mode(self.target, Mode.HOLD)
+            yield autopilot.set_mode(self.target, FlightMode.HOLD)
 
     def reasons(self, position_hz: float) -> tuple[str, ...]:
         """Return the reasons against arming the vehicle: the autopilot's, and ours.
@@ -84,4 +84,4 @@ class IdentifiedVehicle:
     @property
     def _arms_in_hold(self) -> bool:
         """Return whether it is disarmed and its autopilot is ready to arm in its hold mode only."""
-        return self.autopilot.arming_mode is Mode.HOLD and not self.status.state.armed
+        return self.autopilot.arming_mode is FlightMode.HOLD and not self.status.state.armed

@@ -8,7 +8,7 @@ _TEXT_WITHIN_S = 0.5
 """How long after a refusal the STATUSTEXT with its reason may arrive."""
 
 
-def not_ready(
+def not_ready_error(
     vehicle: IdentifiedVehicle, what: str, reasons: tuple[str, ...], circumstances: str
 ) -> NotReadyError:
     """Return the error of a vehicle that is not ready; what: the start of its message."""
@@ -19,7 +19,7 @@ def not_ready(
     )
 
 
-async def arm_refused(
+async def arm_refused_error(
     vehicle: IdentifiedVehicle, name: str, changes: ConditionWaiter, error: CommandError
 ) -> ArmRefusedError:
     """Return the error of a vehicle that refused to arm, with the reasons that it gives."""

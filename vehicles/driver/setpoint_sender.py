@@ -3,10 +3,10 @@
 import asyncio
 from typing import Any
 
-from wil_campaign.vehicles.autopilots.autopilot import Autopilot, Target
+from wil_campaign.vehicles.autopilots.autopilot import Autopilot, MavlinkTarget
 from wil_campaign.vehicles.clocks.timesync import VehicleClock
 from wil_campaign.vehicles.driver.session.repeater import Repeater
-from wil_campaign.vehicles.driver.session.session import Session
+from wil_campaign.vehicles.driver.session.session import MavlinkSession
 from wil_campaign.vehicles.setpoints import PositionSetpoint, Setpoint, VelocitySetpoint
 
 _ZERO_VELOCITY = VelocitySetpoint((0.0, 0.0, 0.0))
@@ -20,7 +20,12 @@ class SetpointSender:
     """
 
     def __init__(
-        self, *, session: Session, clock: VehicleClock, autopilot: Autopilot, target: Target
+        self,
+        *,
+        session: MavlinkSession,
+        clock: VehicleClock,
+        autopilot: Autopilot,
+        target: MavlinkTarget,
     ) -> None:
         self._session = session
         self._clock = clock

@@ -8,14 +8,14 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from wil_campaign.foundation.tasks import Contained
-from wil_campaign.vehicles.autopilots.autopilot import Autopilot, Mode
+from wil_campaign.foundation.tasks import SuppressedErrors
+from wil_campaign.vehicles.autopilots.autopilot import Autopilot, FlightMode
 from wil_campaign.vehicles.driver.session.conditions import ConditionWaiter
-from wil_campaign.vehicles.driver.session.session import Session
-from wil_campaign.vehicles.driver.session.statustext import StatustextPieces, WholeText
+from wil_campaign.vehicles.driver.session.session import MavlinkSession
+from wil_campaign.vehicles.driver.session.statustext import StatustextPieces, WholeStatustext
 from wil_campaign.vehicles.driver.vehicle_state import (
     LANDED_STATES,
-    Battery,
+    BatteryState,
     EventKind,
     Landed,
     ReportName,
@@ -53,7 +53,7 @@ class StatusTracker:
     def __init__(
         self,
         *,
-        session: Session,
+        session: MavlinkSession,
         autopilot: Autopilot,
         changes: ConditionWaiter,
         listeners: Sequence[EventListener],
@@ -71,7 +71,7 @@ class StatusTracker:
         """When each report of its state last arrived (run clock)."""
         self._was_sound = False
         self._resets: int | None = None
-        self.requested_modes: tuple[Mode, ...] = ()
+        self.requested_modes: tuple[FlightMode, ...] = ()
         """The modes that follow from our last command."""
         for message_id, handler in (
             (mavlink.MAVLINK_MSG_ID_HEARTBEAT, self.heartbeat),
@@ -95,7 +95,7 @@ class StatusTracker:
     def report(self, event: VehicleEvent) -> None:
         """Report an event to all listeners of the status."""
         for listener in self._listeners:
-            with Contained(f"a listener to a vehicle ({event.kind})"):
+            with SuppressedErrors(f"a listener to a vehicle ({event.kind})"):
                 listener(event)
 
     def set_link(self, *, up: bool, t_s: float, gap_s: float) -> None:
@@ -174,7 +174,7 @@ class StatusTracker:
         voltage_mv, percent = message.voltage_battery, message.battery_remaining
         # Of 0 mV, 0 % is nothing measured either.
         without_charge = percent < 0 or (percent == 0 and voltage_mv == 0)
-        battery = Battery(
+        battery = BatteryState(
             voltage_v=None if voltage_mv in _UNMEASURED_MV else voltage_mv / 1000.0,
             remaining=None if without_charge else percent / 100.0,
         )
@@ -193,7 +193,7 @@ class StatusTracker:
     def _end_text(self) -> None:
         self._receive_texts(self._pieces.expire(math.inf))
 
-    def _receive_texts(self, whole: Sequence[WholeText]) -> None:
+    def _receive_texts(self, whole: Sequence[WholeStatustext]) -> None:
         for whole_text in whole:
             self._texts.append(StatusText(whole_text.t_s, whole_text.severity, whole_text.text))
             self._change(texts=tuple(self._texts))

@@ -3,9 +3,9 @@
 import asyncio
 from functools import partial
 
-from wil_campaign.vehicles.autopilots.autopilot import Autopilot, MessageRate, Target
+from wil_campaign.vehicles.autopilots.autopilot import Autopilot, MavlinkTarget, MessageRate
 from wil_campaign.vehicles.driver.session.repeater import Repeater
-from wil_campaign.vehicles.driver.session.session import Session
+from wil_campaign.vehicles.driver.session.session import MavlinkSession
 from wil_campaign.vehicles.mavlink.names import message_name
 
 _SLACK = 3.0
@@ -27,9 +27,9 @@ class TelemetryStreams:
     def __init__(
         self,
         *,
-        session: Session,
+        session: MavlinkSession,
         autopilot: Autopilot,
-        target: Target,
+        target: MavlinkTarget,
         plan: tuple[MessageRate, ...],
     ) -> None:
         self._session = session

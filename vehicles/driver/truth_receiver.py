@@ -10,7 +10,7 @@ from wil_campaign.vehicles.autopilots.autopilot import Autopilot
 from wil_campaign.vehicles.autopilots.ground_truth import GroundTruth, GroundTruthError
 from wil_campaign.vehicles.autopilots.map_projections import MapProjection
 from wil_campaign.vehicles.clocks.timesync import VehicleClock
-from wil_campaign.vehicles.driver.session.session import Session
+from wil_campaign.vehicles.driver.session.session import MavlinkSession
 from wil_campaign.vehicles.driver.vehicle_state import EstimateSample
 from wil_campaign.vehicles.poses.anchor import Anchor, PoseAverage
 from wil_campaign.worlds.frames import Pose
@@ -43,7 +43,7 @@ class TruthReceiver:
     last unusable message was not used; empty when there was none.
     """
 
-    def __init__(self, *, session: Session, clock: VehicleClock) -> None:
+    def __init__(self, *, session: MavlinkSession, clock: VehicleClock) -> None:
         self._session = session
         self._clock = clock
         self._listeners: list[TruthListener] = []

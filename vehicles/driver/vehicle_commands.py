@@ -3,7 +3,7 @@
 import asyncio
 from collections.abc import Callable
 
-from wil_campaign.vehicles.autopilots.autopilot import Autopilot, Mode, Target
+from wil_campaign.vehicles.autopilots.autopilot import Autopilot, FlightMode, MavlinkTarget
 from wil_campaign.vehicles.driver.session.commands import Commander
 
 Done = Callable[[], bool]
@@ -16,12 +16,14 @@ class VehicleCommands:
     All raise CommandError when refused, CommandTimeoutError when not answered.
     """
 
-    def __init__(self, *, commander: Commander, autopilot: Autopilot, target: Target) -> None:
+    def __init__(
+        self, *, commander: Commander, autopilot: Autopilot, target: MavlinkTarget
+    ) -> None:
         self.commander = commander
         self.autopilot = autopilot
         self.target = target
 
-    async def set_mode(self, mode: Mode, done: Done) -> None:
+    async def set_mode(self, mode: FlightMode, done: Done) -> None:
         """Command the mode HOLD, GUIDED, LAND or RTL."""
         message = self.autopilot.set_mode(self.target, mode)
         await self.commander.run(message, done_anyway=done)

@@ -7,7 +7,7 @@ times as long.
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
-from wil_campaign.vehicles.autopilots.autopilot import Mode
+from wil_campaign.vehicles.autopilots.autopilot import FlightMode
 from wil_campaign.worlds.frames import Pose, Vec3
 
 Landed = Literal["unknown", "on_ground", "in_air", "taking_off", "landing"]
@@ -69,7 +69,7 @@ class StatusText:
 
 
 @dataclass(frozen=True, slots=True)
-class Battery:
+class BatteryState:
     """The vehicle's battery in SYS_STATUS; values that the autopilot does not know are None."""
 
     voltage_v: float | None
@@ -89,7 +89,7 @@ class VehicleEvent:
     t_s: float
     kind: EventKind
     text: str
-    mode: Mode | None = None
+    mode: FlightMode | None = None
     asked: bool = False
     duration_s: float | None = None
     severity: int | None = None
@@ -107,7 +107,7 @@ class VehicleState(NamedTuple):
     last_received_s: float | None = None
     link_up: bool = False
     armed: bool = False
-    mode: Mode = Mode.OTHER
+    mode: FlightMode = FlightMode.OTHER
     mode_name: str = ""
     custom_mode: int | None = None
     system_status: int = 0
@@ -117,5 +117,5 @@ class VehicleState(NamedTuple):
     position_losses: tuple[str, ...] = ()
     estimate: EstimateSample | None = None
     local: LocalEstimate | None = None
-    battery: Battery | None = None
+    battery: BatteryState | None = None
     texts: tuple[StatusText, ...] = ()

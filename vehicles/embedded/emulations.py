@@ -7,16 +7,16 @@ from typing import Any, Protocol
 import numpy as np
 
 from wil_campaign.hooks import autopilots
-from wil_campaign.installed_plugins import loaded
-from wil_campaign.vehicles.embedded.autopilot.aircraft import Aircraft
+from wil_campaign.installed_plugins import loaded_additions
+from wil_campaign.vehicles.embedded.autopilot.aircraft import EmulatedAircraft
 from wil_campaign.vehicles.embedded.autopilot.emulated_autopilot import EmulatedAutopilot
 from wil_campaign.vehicles.embedded.autopilot.flight.flight import FlightStyle
 from wil_campaign.vehicles.embedded.control.kernels import LAW_NUMBERS
 from wil_campaign.vehicles.embedded.physics.motion_kernel import (
     BODY_NUMBERS,
     NUMBERS,
-    estimate,
-    read,
+    estimate_motion,
+    read_plant_motion,
 )
 
 
@@ -25,14 +25,14 @@ class Emulation(Protocol):
 
     style: FlightStyle
 
-    def __call__(self, aircraft: Aircraft) -> EmulatedAutopilot[Any]:
+    def __call__(self, aircraft: EmulatedAircraft) -> EmulatedAutopilot[Any]:
         """Return the autopilot, which flies an aircraft."""
 
 
 @cache
 def emulations() -> Mapping[str, Emulation]:
     """Return by name the classes of all emulated autopilots."""
-    return loaded(autopilots, "emulation")
+    return loaded_additions(autopilots, "emulation")
 
 
 def load_kernels() -> None:
@@ -45,5 +45,5 @@ def load_kernels() -> None:
         law = emulation.style.law
         law.step(np.ones(LAW_NUMBERS), motion, 1)
         law.advance(np.ones(BODY_NUMBERS), late, 0, 1)
-    read(motion, zero, motion)
-    estimate(motion, errors, late, 0, motion)
+    read_plant_motion(motion, zero, motion)
+    estimate_motion(motion, errors, late, 0, motion)

@@ -14,14 +14,14 @@ from pydantic import Field, model_validator
 from wil_campaign.foundation.files.documents import (
     BadInput,
     Document,
-    Entry,
     KeyFaultError,
     Part,
-    check,
-    closest,
-    load,
+    YamlEntry,
+    check_document,
+    closest_word,
+    load_document,
 )
-from wil_campaign.foundation.files.yaml_nodes import Node, mapping_node
+from wil_campaign.foundation.files.yaml_nodes import YamlNode, mapping_node
 
 _FOLDER = Path(__file__).parent / "profiles"
 
@@ -270,9 +270,9 @@ def load_profile(name_or_path: str | Path, *, shown_as: str | None = None) -> Pr
         known = list_profiles()
         raise ProfileError(
             f"no profile {text!r}; there are {', '.join(known)}, or give a file",
-            closest(text, known),
+            closest_word(text, known),
         )
-    return check(_with_base(load(path, name=shown_as)), Profile)
+    return check_document(_with_base(load_document(path, name=shown_as)), Profile)
 
 
 def _with_base(document: Document) -> Document:
@@ -288,14 +288,16 @@ def _with_base(document: Document) -> Document:
     name, known = document.get(("base",)), list_profiles()
     if name not in known:
         message = f"{name!r} is no profile of the program; there are {', '.join(known)}"
-        raise BadInput([document.problem(("base",), message, closest(str(name), known))])
-    base = load(_FOLDER / f"{name}.yaml").root
+        raise BadInput([document.problem(("base",), message, closest_word(str(name), known))])
+    base = load_document(_FOLDER / f"{name}.yaml").root
     own = {key: entry for key, entry in own.items() if key != "base"}
     merged = _merged(base, mapping_node(own, document.root.place))
     return Document(document.path, _with_inertia(merged, own, base))
 
 
-def _with_inertia(profile: Node, own: Mapping[str, Entry], base: Node | None = None) -> Node:
+def _with_inertia(
+    profile: YamlNode, own: Mapping[str, YamlEntry], base: YamlNode | None = None
+) -> YamlNode:
     """Return a profile with the inertia that its own airframe leaves out.
 
     It is that of the base, or else of the paper's drone, at this mass and these arms: bodies of one
@@ -314,7 +316,7 @@ def _with_inertia(profile: Node, own: Mapping[str, Entry], base: Node | None = N
             return profile  # `check` says what is wrong with it
         ratio *= (number / its[key]) ** power
     sized = {
-        key: Entry(place, Node(its[key] * ratio, place))
+        key: YamlEntry(place, YamlNode(its[key] * ratio, place))
         for key in map(_inertia_key, _USUAL_SHARES)
         if key not in given
     }
@@ -322,10 +324,10 @@ def _with_inertia(profile: Node, own: Mapping[str, Entry], base: Node | None = N
     if not isinstance(airframe.node.value, dict):
         return profile
     whole = mapping_node({**airframe.node.value, **sized}, airframe.node.place)
-    return mapping_node({**parts, "airframe": Entry(airframe.key, whole)}, profile.place)
+    return mapping_node({**parts, "airframe": YamlEntry(airframe.key, whole)}, profile.place)
 
 
-def _airframe_of(profile: Node | None) -> dict[str, Any]:
+def _airframe_of(profile: YamlNode | None) -> dict[str, Any]:
     """Return the numbers of a profile's airframe; empty without one."""
     parts = None if profile is None else profile.value
     if not isinstance(parts, dict) or "airframe" not in parts:
@@ -334,12 +336,12 @@ def _airframe_of(profile: Node | None) -> dict[str, Any]:
     return {key: one.node.value for key, one in given.items()} if isinstance(given, dict) else {}
 
 
-def _merged(base: Node, own: Node) -> Node:
+def _merged(base: YamlNode, own: YamlNode) -> YamlNode:
     """Return a node with the values of another one that it lacks, at every depth."""
     if not isinstance(base.value, dict) or not isinstance(own.value, dict):
         return own
     inside = {
-        key: Entry(entry.key, _merged(base.value[key].node, entry.node))
+        key: YamlEntry(entry.key, _merged(base.value[key].node, entry.node))
         if key in base.value
         else entry
         for key, entry in own.value.items()

@@ -7,13 +7,13 @@ from typing import Any, Protocol, Self
 
 import numpy as np
 
-from wil_campaign.foundation.tasks import Contained
-from wil_campaign.vehicles.embedded.autopilot.aircraft import Aircraft
+from wil_campaign.foundation.tasks import SuppressedErrors
+from wil_campaign.vehicles.embedded.autopilot.aircraft import EmulatedAircraft
 from wil_campaign.vehicles.embedded.autopilot.emulated_autopilot import EmulatedAutopilot
-from wil_campaign.vehicles.embedded.autopilot.flight.autopilot_state import Identity
+from wil_campaign.vehicles.embedded.autopilot.flight.autopilot_state import EmulatedIdentity
 from wil_campaign.vehicles.embedded.autopilot.services.message_hub import COMPONENT
 from wil_campaign.vehicles.embedded.emulations import emulations
-from wil_campaign.vehicles.embedded.physics.body import PHYSICS_HZ, Body
+from wil_campaign.vehicles.embedded.physics.body import PHYSICS_HZ, FlyingBody
 from wil_campaign.vehicles.embedded.physics.config import (
     ContactWorld,
     EmbeddedConfig,
@@ -22,12 +22,12 @@ from wil_campaign.vehicles.embedded.physics.config import (
 from wil_campaign.vehicles.embedded.physics.mocap_feed import NEVER, MotionCaptureFeed
 from wil_campaign.vehicles.embedded.physics.motion_kernel import NO_LAW
 from wil_campaign.vehicles.links.link import Link
-from wil_campaign.vehicles.mavlink.codec import Codec
+from wil_campaign.vehicles.mavlink.codec import MavlinkCodec
 from wil_campaign.vehicles.poses.truth import STOPPED, Thrusts, TruthSample
 from wil_campaign.vehicles.readings import PoseReading
 from wil_campaign.worlds.geodesy import LocalFrame
 
-_LISTENER = Contained("a listener to a vehicle's truth")
+_LISTENER = SuppressedErrors("a listener to a vehicle's truth")
 _STEPS_PER_TICK = 2
 _TURN_STEPS = 5
 _MAX_STEPS_BEHIND = 250
@@ -37,7 +37,7 @@ TruthCallback = Callable[[TruthSample], None]
 MocapCallback = Callable[[PoseReading], None]
 
 
-class Component(Protocol):
+class MavlinkComponent(Protocol):
     """A MAVLink component beside the autopilot, at the same link (protocol). Times: run clock."""
 
     @property
@@ -70,9 +70,9 @@ class EmbeddedVehicle:
         self.config = config
         self._link = link
         self._contact_world = contact_world
-        self._body = Body(config=config, seed=seed, contact_world=contact_world)
+        self._body = FlyingBody(config=config, seed=seed, contact_world=contact_world)
         self._autopilot = build_autopilot(config, self._body)
-        self._codec = Codec(system_id=config.system_id, component_id=COMPONENT)
+        self._codec = MavlinkCodec(system_id=config.system_id, component_id=COMPONENT)
         self._mocap = MotionCaptureFeed(
             noise=config.profile.mocap,
             source=config.source,
@@ -94,7 +94,7 @@ class EmbeddedVehicle:
         self._on_fault: Callable[[], None] | None = None
         self._on_sent: Callable[[float, Any], None] | None = None
         self._pass_sent: Callable[[Any], Any | None] | None = None
-        self._components: list[tuple[Component, Codec]] = []
+        self._components: list[tuple[MavlinkComponent, MavlinkCodec]] = []
         self._muted = False
         self._struck = False
         link.receive(self._on_bytes)
@@ -105,7 +105,7 @@ class EmbeddedVehicle:
         return self._autopilot
 
     @property
-    def body(self) -> Body:
+    def body(self) -> FlyingBody:
         """Return the embedded vehicle's body, for tests that look inside or break a motor."""
         return self._body
 
@@ -131,9 +131,9 @@ class EmbeddedVehicle:
         """Call `callback` with each MAVLink message that is sent, and seconds since boot."""
         self._on_sent = callback
 
-    def add_component(self, component: Component) -> None:
+    def add_component(self, component: MavlinkComponent) -> None:
         """Add a MAVLink component to the vehicle's link, with the vehicle's system id."""
-        codec = Codec(system_id=self.config.system_id, component_id=component.component_id)
+        codec = MavlinkCodec(system_id=self.config.system_id, component_id=component.component_id)
         self._components.append((component, codec))
 
     def filter_sent(self, passing: Callable[[Any], Any | None]) -> None:
@@ -286,23 +286,23 @@ class EmbeddedVehicle:
             pack = self._codec.pack
             self._link.write(b"".join([pack(message) for message in messages]))
 
-    def _send_of(self, codec: Codec, messages: list[Any]) -> None:
+    def _send_of(self, codec: MavlinkCodec, messages: list[Any]) -> None:
         """Send messages of a component."""
         if messages and self._alive and not self._muted:
             self._link.write(b"".join([codec.pack(message) for message in messages]))
 
 
-def build_autopilot(config: EmbeddedConfig, body: Body) -> EmulatedAutopilot[Any]:
+def build_autopilot(config: EmbeddedConfig, body: FlyingBody) -> EmulatedAutopilot[Any]:
     """Return the embedded vehicle's autopilot for a config."""
     world = LocalFrame(config.latitude_deg, config.longitude_deg, config.altitude_m)
     start = world.to_geodetic(config.start.position_ned_m)
-    identity = Identity(
+    identity = EmulatedIdentity(
         system_id=config.system_id,
         uid=config.uid,
         uid2=config.uid2,
         origin=LocalFrame(start.latitude_deg, start.longitude_deg, start.altitude_m),
     )
-    aircraft = Aircraft(
+    aircraft = EmulatedAircraft(
         identity=identity,
         airframe=config.airframe,
         dt_s=1.0 / PHYSICS_HZ,

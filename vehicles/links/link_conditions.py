@@ -10,7 +10,7 @@ from typing import Any, Literal, Protocol, runtime_checkable
 import msgspec
 
 from wil_campaign.hooks import link_layers
-from wil_campaign.installed_plugins import absent, loaded
+from wil_campaign.installed_plugins import absent_additions, loaded_additions
 from wil_campaign.vehicles.links.link import Link, LinkError
 from wil_campaign.vehicles.links.signed_link import SignedLink
 from wil_campaign.vehicles.mavlink.signing_key import (
@@ -87,7 +87,7 @@ class ConditionedLink:
     impaired: Interruptible | None = None
 
 
-def under_conditions(
+def link_under_conditions(
     links: Sequence[Link], conditions: LinkConditions, *, utc_s: float, site: LinkSite | None = None
 ) -> ConditionedLink:
     """Return the links to a vehicle as one under conditions: signed first, then on the air.
@@ -117,11 +117,11 @@ def layer_of_plain(plain: Any) -> LinkLayer:
 
 def _layer_named(name: str) -> type[LinkLayer]:
     """Return the class of a layer. Raises LinkError where its plugin is not installed."""
-    if why := absent(link_layers).get(name):
+    if why := absent_additions(link_layers).get(name):
         raise LinkError(why)
     return _layers()[name]
 
 
 @cache
 def _layers() -> Mapping[str, type[LinkLayer]]:
-    return loaded(link_layers, "layer")
+    return loaded_additions(link_layers, "layer")

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from wil_campaign.hooks import links
-from wil_campaign.installed_plugins import absent, added, load
+from wil_campaign.installed_plugins import absent_additions, load_plugin_object, plugin_additions
 from wil_campaign.vehicles.links.link import Link, LinkError
 from wil_campaign.vehicles.links.link_strings import LinkAddress
 
@@ -27,8 +27,8 @@ def open_link(address: LinkAddress, *, patient: bool = False, signed: bool = Fal
     Raises LinkError for memory://, whose two ends are created together, and for a kind whose plugin
     is not installed.
     """
-    if why := absent(links).get(address.kind):
+    if why := absent_additions(links).get(address.kind):
         raise LinkError(why)
     request = LinkRequest(address, patient=patient, signed=signed)
-    link: Link = load(added(links)[address.kind].open)(request)
+    link: Link = load_plugin_object(plugin_additions(links)[address.kind].open)(request)
     return link

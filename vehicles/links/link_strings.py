@@ -5,7 +5,7 @@ import re
 from dataclasses import dataclass
 
 from wil_campaign.hooks import links
-from wil_campaign.installed_plugins import absent, added
+from wil_campaign.installed_plugins import absent_additions, plugin_additions
 from wil_campaign.vehicles.links.link import LinkError
 
 _USUAL_BAUD = 57600
@@ -60,9 +60,9 @@ def parse_link(text: str) -> LinkAddress:
     the string that was probably meant.
     """
     name, mark, rest = text.partition("://")
-    if mark and (why := absent(links).get(name)):
+    if mark and (why := absent_additions(links).get(name)):
         raise LinkAddressError(why)
-    kind = added(links).get(name) if mark else None
+    kind = plugin_additions(links).get(name) if mark else None
     if kind is None:
         raise _unreadable(text)
     if kind.at == "":
@@ -107,14 +107,14 @@ def _suggestion(text: str) -> str:
         device = f"/dev/{device}" if device.startswith("tty") else device
         return _if_readable(f"serial://{device}:{match['baud'] or _USUAL_BAUD}")
     kind, mark, rest = text.strip().partition("://")
-    near = difflib.get_close_matches(kind.lower(), added(links), n=1)
+    near = difflib.get_close_matches(kind.lower(), plugin_additions(links), n=1)
     return _if_readable(f"{near[0]}://{rest}") if mark and near and near[0] != kind else ""
 
 
 def _if_readable(text: str) -> str:
     """Return a suggested link string if it is well-formed; else ""."""
     name, _, rest = text.partition("://")
-    kind = added(links).get(name)
+    kind = plugin_additions(links).get(name)
     if kind is None:
         return ""
     if kind.at == "device":

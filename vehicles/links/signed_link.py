@@ -9,7 +9,7 @@ from wil_campaign.vehicles.links.link import (
     TellsTrouble,
     WrappedLink,
 )
-from wil_campaign.vehicles.mavlink.framing import Frame, FrameSplitter
+from wil_campaign.vehicles.mavlink.framing import FrameSplitter, MavlinkFrame
 from wil_campaign.vehicles.mavlink.signing import TICKS_PER_S, Signer, SigningCounts, ticks_of_utc
 from wil_campaign.vehicles.mavlink.signing_key import SigningKey
 
@@ -70,7 +70,7 @@ class SignedLink(WrappedLink):
         if self._receiver is not None and (whole := b"".join(accepted)):
             self._receiver(whole, t_s)
 
-    def _checked_frame(self, frame: Frame, now: int) -> bytes:
+    def _checked_frame(self, frame: MavlinkFrame, now: int) -> bytes:
         accepted = self._signer.check(frame, now)
         # The status of a radio is accepted without a signature, and proves nothing.
         if accepted is not None and frame.signed and self._senders is not None:

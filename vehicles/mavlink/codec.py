@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from wil_campaign.vehicles.mavlink.framing import Frame, FrameSplitter, checksum
+from wil_campaign.vehicles.mavlink.framing import FrameSplitter, MavlinkFrame, frame_checksum
 
 _HEADER = struct.Struct("<BBBBBBHB")
 """Of MAVLink 2, without the start byte, which the checksum leaves out."""
@@ -33,7 +33,7 @@ class _Layout(NamedTuple):
     crc_extra: bytes
 
 
-class Codec:
+class MavlinkCodec:
     """The MAVLink codec: packs as one system and component, parses any sender's frames.
 
     Parsing never raises: garbage and undecodable frames are counted. Signatures of signed frames
@@ -56,11 +56,11 @@ class Codec:
         """Return the number of bytes that belong to no MAVLink frame."""
         return self._splitter.garbage_bytes
 
-    def split(self, data: bytes) -> list[Frame]:
+    def split(self, data: bytes) -> list[MavlinkFrame]:
         """Return the complete frames, not decoded; for readers of few messages."""
         return self._splitter.feed(data)
 
-    def decode(self, frame: Frame) -> Any | None:
+    def decode(self, frame: MavlinkFrame) -> Any | None:
         """Return a frame's message; None when it is unknown to the dialect or malformed."""
         layout = _layout(mavlink.mavlink_map.get(frame.message_id))
         if layout is not None and not layout.lengths:
@@ -97,7 +97,7 @@ class Codec:
             if body[-1] == 0:
                 end = max(len(body.rstrip(b"\0")), _HEADER.size + 1)
                 body = bytes((end - _HEADER.size,)) + body[1:end]
-            raw = _START_V2 + body + checksum(body, layout.crc_extra).to_bytes(2, "little")
+            raw = _START_V2 + body + frame_checksum(body, layout.crc_extra).to_bytes(2, "little")
         # pymavlink counts only in its own send(), which writes to a file.
         mav.seq = (mav.seq + 1) % 256
         return raw
@@ -111,7 +111,7 @@ def _flat(values: tuple[Any, ...], lengths: tuple[tuple[int, int], ...]) -> tupl
     return tuple(flat)
 
 
-def _decode_plain(frame: Frame, layout: _Layout) -> Any:
+def _decode_plain(frame: MavlinkFrame, layout: _Layout) -> Any:
     """Return the message of a frame with a valid checksum, as pymavlink would decode it."""
     size = layout.payload.size
     values = layout.payload.unpack(frame.payload[:size].ljust(size, b"\0"))

@@ -28,7 +28,7 @@ class FenceItemError(ValueError):
     """Fence items that form no fence area."""
 
 
-class Place(NamedTuple):
+class FencePlace(NamedTuple):
     """A corner or centre of a fence area on WGS-84, in degrees."""
 
     latitude_deg: float
@@ -36,7 +36,7 @@ class Place(NamedTuple):
 
 
 Point = TypeVar("Point", bound=tuple[float, float])
-"""A `Place`, or north and east in metres."""
+"""A `FencePlace`, or north and east in metres."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,7 +64,7 @@ class FenceCircle(Generic[Point]):
             raise ValueError(f"a fence's circle has a radius above 0, not {self.radius_m} m")
 
 
-FenceArea = FencePolygon[Place] | FenceCircle[Place]
+FenceArea = FencePolygon[FencePlace] | FenceCircle[FencePlace]
 
 
 class FenceItem(Protocol):
@@ -119,6 +119,6 @@ def _corners(items: Sequence[FenceItem], at: int) -> Sequence[FenceItem]:
     return corners
 
 
-def _place(item: FenceItem) -> Place:
+def _place(item: FenceItem) -> FencePlace:
     """Return a fence item's place in degrees."""
-    return Place(item.x * DEGREES, item.y * DEGREES)
+    return FencePlace(item.x * DEGREES, item.y * DEGREES)

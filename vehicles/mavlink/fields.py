@@ -8,7 +8,7 @@ import math
 import struct
 from dataclasses import dataclass
 
-from wil_campaign.vehicles.mavlink.framing import Frame
+from wil_campaign.vehicles.mavlink.framing import MavlinkFrame
 from wil_campaign.worlds.frames import Vec3
 
 HEARTBEAT = 0
@@ -47,7 +47,7 @@ _command = struct.Struct("<ff20xHB")
 
 
 @dataclass(frozen=True, slots=True)
-class Heartbeat:
+class HeartbeatFields:
     """The HEARTBEAT fields that the guard reads; critical: MAV_STATE_CRITICAL or worse."""
 
     custom_mode: int
@@ -56,7 +56,7 @@ class Heartbeat:
 
 
 @dataclass(frozen=True, slots=True)
-class Command:
+class CommandFields:
     """The COMMAND_LONG or COMMAND_INT fields that the guard reads; system: target, 0 all."""
 
     number: int
@@ -82,25 +82,25 @@ class Command:
         return forced or (self.number == DO_FLIGHTTERMINATION and not self.param1 <= 0.5)
 
 
-def _payload(frame: Frame, size: int) -> bytes:
+def _payload(frame: MavlinkFrame, size: int) -> bytes:
     """Return a MAVLink frame's payload, padded with zeros to a size."""
     start = 10 if frame.version == 2 else 6
     return frame.raw[start : start + min(size, frame.raw[1])].ljust(size, b"\0")
 
 
-def read_heartbeat(frame: Frame) -> Heartbeat:
+def read_heartbeat(frame: MavlinkFrame) -> HeartbeatFields:
     """Return the fields of a HEARTBEAT."""
     custom_mode, _, _, base_mode, status, _ = _heartbeat.unpack(_payload(frame, 9))
     # 5 critical, 6 emergency, 7 power-off, 8 termination
-    return Heartbeat(custom_mode, bool(base_mode & _ARMED), status >= 5)
+    return HeartbeatFields(custom_mode, bool(base_mode & _ARMED), status >= 5)
 
 
-def read_landed(frame: Frame) -> bool | None:
+def read_landed(frame: MavlinkFrame) -> bool | None:
     """Return whether an EXTENDED_SYS_STATE says on the ground; None when unknown."""
     return _LANDED.get(_payload(frame, 2)[1])
 
 
-def read_local_position(frame: Frame) -> tuple[Vec3, Vec3] | None:
+def read_local_position(frame: MavlinkFrame) -> tuple[Vec3, Vec3] | None:
     """Return position and velocity of a LOCAL_POSITION_NED; None when not finite."""
     _, x, y, z, vx, vy, vz = _local_position.unpack(_payload(frame, 28))
     if not math.isfinite(x + y + z + vx + vy + vz):
@@ -108,29 +108,29 @@ def read_local_position(frame: Frame) -> tuple[Vec3, Vec3] | None:
     return (x, y, z), (vx, vy, vz)
 
 
-def read_command(frame: Frame) -> Command:
+def read_command(frame: MavlinkFrame) -> CommandFields:
     """Return the fields of a COMMAND_LONG or COMMAND_INT."""
     param1, param2, number, system = _command.unpack(_payload(frame, 31))
     # round() of NaN raises; in commands NaN means that no value is given.
-    return Command(number, param1, 0.0 if not math.isfinite(param2) else param2, system)
+    return CommandFields(number, param1, 0.0 if not math.isfinite(param2) else param2, system)
 
 
-def command_of(frame: Frame) -> Command | None:
+def command_in_frame(frame: MavlinkFrame) -> CommandFields | None:
     """Return the command in a MAVLink frame; None when it has none."""
     return read_command(frame) if frame.message_id in {COMMAND_LONG, COMMAND_INT} else None
 
 
-def read_parameter(frame: Frame) -> str:
+def read_parameter(frame: MavlinkFrame) -> str:
     """Return the parameter's name in a PARAM_SET; what is no letter of it is a question mark."""
     name = _payload(frame, 22)[6:].split(b"\0")[0].decode("ascii", "replace")
     return "".join(one if one.isprintable() and one.isascii() else "?" for one in name)
 
 
-def read_file_operation(frame: Frame) -> int:
+def read_file_operation(frame: MavlinkFrame) -> int:
     """Return the opcode of a FILE_TRANSFER_PROTOCOL."""
     return _payload(frame, 7)[6]
 
 
-def read_target(frame: Frame, at: int) -> int:
+def read_target(frame: MavlinkFrame, at: int) -> int:
     """Return the target system field of a MAVLink message, at this offset of its payload."""
     return _payload(frame, at + 1)[at]

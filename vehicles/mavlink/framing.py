@@ -20,7 +20,7 @@ _new_tuple = tuple.__new__
 """Creates a named tuple from its fields in half the time of its constructor."""
 
 
-class Frame(NamedTuple):
+class MavlinkFrame(NamedTuple):
     """A MAVLink frame: its bytes, and the fields of its header."""
 
     raw: bytes
@@ -39,7 +39,7 @@ class Frame(NamedTuple):
         return self.raw[start : start + self.raw[1]]
 
 
-def checksum(covered: bytes, extra: bytes) -> int:
+def frame_checksum(covered: bytes, extra: bytes) -> int:
     """Return a frame's checksum (CRC-16/MCRF4XX) with its message's extra byte."""
     if _crc_in_c is not None:
         return _crc_in_c(covered + extra, 0xFFFF)
@@ -47,7 +47,7 @@ def checksum(covered: bytes, extra: bytes) -> int:
     return crc
 
 
-def frame_header(raw: bytes) -> Frame | None:
+def frame_header(raw: bytes) -> MavlinkFrame | None:
     """Return the frame that `raw` starts with, checksum not verified; None if it has none."""
     if len(raw) < 3:
         return None
@@ -55,7 +55,7 @@ def frame_header(raw: bytes) -> Frame | None:
     return _frame(raw, 0, length) if 0 < length <= len(raw) else None
 
 
-def with_payload(frame: Frame, payload: bytes) -> bytes:
+def frame_with_payload(frame: MavlinkFrame, payload: bytes) -> bytes:
     """Return a frame of a known message with another payload, same sender, unsigned.
 
     payload: complete, with its trailing zeros. Raises KeyError for an unknown message.
@@ -66,7 +66,7 @@ def with_payload(frame: Frame, payload: bytes) -> bytes:
         body = bytes((len(payload), 0)) + raw[3:10] + payload
     else:
         body = bytes((len(payload),)) + raw[2:6] + payload
-    return raw[:1] + body + checksum(body, extra).to_bytes(2, "little")
+    return raw[:1] + body + frame_checksum(body, extra).to_bytes(2, "little")
 
 
 class FrameSplitter:
@@ -84,7 +84,7 @@ class FrameSplitter:
         self.bytes_seen = 0
         self.garbage_bytes = 0
 
-    def feed(self, data: bytes) -> list[Frame]:
+    def feed(self, data: bytes) -> list[MavlinkFrame]:
         """Return the frames that are complete now, in order."""
         self.bytes_seen += len(data)
         if not self._rest:
@@ -94,9 +94,9 @@ class FrameSplitter:
                 return list(frames)
         return self._search(self._rest + data)
 
-    def _search(self, buffer: bytes) -> list[Frame]:
+    def _search(self, buffer: bytes) -> list[MavlinkFrame]:
         """Return the frames among possible garbage; keep an incomplete last one."""
-        frames: list[Frame] = []
+        frames: list[MavlinkFrame] = []
         at, end = 0, len(buffer)
         while end - at >= 3:
             length = _frame_length(buffer, at)
@@ -113,7 +113,7 @@ class FrameSplitter:
         self._rest = buffer[at:]
         return frames
 
-    def _is_frame(self, frame: Frame, following: bytes) -> bool:
+    def _is_frame(self, frame: MavlinkFrame, following: bytes) -> bool:
         """Return whether this is a frame by checksum or, if unknown, by its place.
 
         following: the byte after it; empty when it is the last one.
@@ -133,12 +133,12 @@ class FrameSplitter:
 
 
 @lru_cache(maxsize=16)
-def _nothing_but_frames(data: bytes) -> tuple[tuple[Frame, ...], frozenset[tuple[int, int]]]:
+def _nothing_but_frames(data: bytes) -> tuple[tuple[MavlinkFrame, ...], frozenset[tuple[int, int]]]:
     """Return the frames that bytes consist of, and their senders; none if garbage.
 
     Cached: bytes that pass a guard in the same process are split there and again at the receiver.
     """
-    frames: list[Frame] = []
+    frames: list[MavlinkFrame] = []
     at, end = 0, len(data)
     while at < end:
         frame = _sound_frame(data, at, end)
@@ -149,7 +149,7 @@ def _nothing_but_frames(data: bytes) -> tuple[tuple[Frame, ...], frozenset[tuple
     return tuple(frames), frozenset([(frame.system, frame.component) for frame in frames])
 
 
-def _sound_frame(buffer: bytes, at: int, end: int) -> Frame | None:
+def _sound_frame(buffer: bytes, at: int, end: int) -> MavlinkFrame | None:
     """Return the frame with a valid checksum that starts here; None when there is none."""
     if end - at < 12 or buffer[at] != _MAGIC_V2 or buffer[at + 2]:
         return _rare_frame(buffer, at, end)
@@ -162,14 +162,14 @@ def _sound_frame(buffer: bytes, at: int, end: int) -> Frame | None:
     extra = _CRC_EXTRAS.get(message_id)
     if extra is None:
         return None
-    if checksum(buffer[at + 1 : tail], extra) != buffer[tail] | buffer[tail + 1] << 8:
+    if frame_checksum(buffer[at + 1 : tail], extra) != buffer[tail] | buffer[tail + 1] << 8:
         return None
     raw = buffer if at == 0 and tail + 2 == end else buffer[at : tail + 2]
     head = (raw, message_id, buffer[at + 5], buffer[at + 6], buffer[at + 4], 2, False)
-    return _new_tuple(Frame, head)
+    return _new_tuple(MavlinkFrame, head)
 
 
-def _rare_frame(buffer: bytes, at: int, end: int) -> Frame | None:
+def _rare_frame(buffer: bytes, at: int, end: int) -> MavlinkFrame | None:
     """Return a valid frame of MAVLink 1, or a signed one, that starts here; or None."""
     length = _frame_length(buffer, at) if end - at >= 3 else 0
     if not 0 < length <= end - at:
@@ -178,14 +178,14 @@ def _rare_frame(buffer: bytes, at: int, end: int) -> Frame | None:
     return frame if _is_sound(frame) else None
 
 
-def _is_sound(frame: Frame) -> bool:
+def _is_sound(frame: MavlinkFrame) -> bool:
     """Return whether a frame's checksum is valid; False when it cannot be checked."""
     extra = _CRC_EXTRAS.get(frame.message_id)
     if extra is None:
         return False
     raw = frame.raw
     tail = len(raw) - (2 + _SIGNATURE_BYTES if frame.signed else 2)
-    return checksum(raw[1:tail], extra) == raw[tail] | raw[tail + 1] << 8
+    return frame_checksum(raw[1:tail], extra) == raw[tail] | raw[tail + 1] << 8
 
 
 def _holds_frame(raw: bytes) -> bool:
@@ -212,12 +212,12 @@ def _frame_length(buffer: bytes, at: int) -> int:
     return 0
 
 
-def _frame(buffer: bytes, at: int, length: int) -> Frame:
+def _frame(buffer: bytes, at: int, length: int) -> MavlinkFrame:
     raw = buffer if at == 0 and length == len(buffer) else buffer[at : at + length]
     if raw[0] == _MAGIC_V2:
         message_id = raw[7] | raw[8] << 8 | raw[9] << 16
-        return Frame(raw, message_id, raw[5], raw[6], raw[4], 2, raw[2] != 0)
-    return Frame(raw, raw[5], raw[3], raw[4], raw[2], 1, signed=False)
+        return MavlinkFrame(raw, message_id, raw[5], raw[6], raw[4], 2, raw[2] != 0)
+    return MavlinkFrame(raw, raw[5], raw[3], raw[4], raw[2], 1, signed=False)
 
 
 def _next_magic(buffer: bytes, start: int) -> int:

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from wil_campaign.vehicles.mavlink.framing import Frame
+from wil_campaign.vehicles.mavlink.framing import MavlinkFrame
 from wil_campaign.vehicles.mavlink.names import enum_name
 
 _TYPE_AT, _AUTOPILOT_AT = 4, 5
@@ -27,7 +27,7 @@ class HeartbeatKind(NamedTuple):
         return f"{kind} with autopilot {autopilot.lower()}"
 
 
-def heartbeat_kind(frame: Frame) -> HeartbeatKind | None:
+def heartbeat_kind(frame: MavlinkFrame) -> HeartbeatKind | None:
     """Return the kind of a frame's heartbeat; None for another message."""
     if frame.message_id != mavlink.MAVLINK_MSG_ID_HEARTBEAT:
         return None

@@ -12,7 +12,7 @@ from functools import cache
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from wil_campaign.vehicles.mavlink.framing import Frame
+from wil_campaign.vehicles.mavlink.framing import MavlinkFrame
 from wil_campaign.vehicles.mavlink.signing_key import SigningKey
 
 SIGNATURE_BYTES = 13
@@ -95,7 +95,7 @@ class Signer:
         """Return the last signing timestamp used: the next signer starts from it."""
         return self._newest
 
-    def sign(self, frame: Frame, now: int) -> bytes | None:
+    def sign(self, frame: MavlinkFrame, now: int) -> bytes | None:
         """Return a frame with our signature; None for MAVLink 1, which cannot be signed."""
         if frame.version != 2:
             self._unsignable += 1
@@ -107,7 +107,7 @@ class Signer:
         covered = body + bytes([self._link_id]) + stamp.to_bytes(6, "little")
         return covered + self._key.signature(covered)
 
-    def check(self, frame: Frame, now: int) -> bytes | None:
+    def check(self, frame: MavlinkFrame, now: int) -> bytes | None:
         """Return a frame without its signature; None when the signature is refused."""
         if not frame.signed:
             if frame.message_id in _UNSIGNED_ACCEPTED:
@@ -135,7 +135,7 @@ class Signer:
         return True
 
 
-def _bare(frame: Frame) -> bytes:
+def _bare(frame: MavlinkFrame) -> bytes:
     """Return a signed frame's bytes without the signature."""
     return frame.raw[:-SIGNATURE_BYTES] if frame.signed else frame.raw
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from wil_campaign.vehicles.mavlink.framing import Frame
+from wil_campaign.vehicles.mavlink.framing import MavlinkFrame
 
 _NEAR = 8
 """A frame that is so many numbers ahead continues a sequence: those in between were lost."""
@@ -53,17 +53,17 @@ class SenderSequence:
         """How long a number takes on average; unlike a period no longer where some are lost."""
         self._silent_s = _LEAST_SILENT_S
         """After a silence that is longer, any number continues the sequence."""
-        self._came: deque[tuple[float, Frame]] = deque(maxlen=_KEPT)
+        self._came: deque[tuple[float, MavlinkFrame]] = deque(maxlen=_KEPT)
         self._skipped: deque[int] = deque(maxlen=_KEPT)
-        self._held_back: list[Frame] = []
-        self._early: list[Frame] = []
+        self._held_back: list[MavlinkFrame] = []
+        self._early: list[MavlinkFrame] = []
         """Frames that are ahead of the sequence by no more than frames that overtake others."""
         self._early_in_a_row = 0
         self._other: int | None = None
         """The last number of another sequence."""
         self._other_went_on = False
         """Whether the other sequence was continued since the last frame of the first one."""
-        self._other_came: deque[tuple[float, Frame]] = deque(maxlen=_KEPT)
+        self._other_came: deque[tuple[float, MavlinkFrame]] = deque(maxlen=_KEPT)
         self._signs = 0
 
     @property
@@ -71,7 +71,7 @@ class SenderSequence:
         """Return whether two sequences alternate, so that there are two senders."""
         return self._signs >= _SIGNS
 
-    def goes_on(self, frame: Frame, t_s: float) -> bool:
+    def goes_on(self, frame: MavlinkFrame, t_s: float) -> bool:
         """Take a frame if it is the next of the only sequence, as nearly all are.
 
         Returns whether it is: `split` would return this frame alone. Else `split` has to take it.
@@ -89,7 +89,9 @@ class SenderSequence:
         self._accept(frame, t_s)
         return True
 
-    def split(self, frame: Frame, t_s: float) -> tuple[list[Frame], list[Frame]]:
+    def split(
+        self, frame: MavlinkFrame, t_s: float
+    ) -> tuple[list[MavlinkFrame], list[MavlinkFrame]]:
         """Take a frame; return frames of the sender, and of another one, that are known by now.
 
         t_s: its time of arrival. Both are in the order in which they came.
@@ -109,7 +111,9 @@ class SenderSequence:
             return [frame], []
         return self._continue_other(frame, t_s) if is_other else self._hold(frame, ahead, t_s)
 
-    def _go_on(self, frame: Frame, ahead: int, t_s: float) -> tuple[list[Frame], list[Frame]]:
+    def _go_on(
+        self, frame: MavlinkFrame, ahead: int, t_s: float
+    ) -> tuple[list[MavlinkFrame], list[MavlinkFrame]]:
         """Take a frame of the sequence, and those that are known by it."""
         overtaking, others = self._take_overtaking(frame, ahead)
         for one in overtaking:
@@ -118,7 +122,9 @@ class SenderSequence:
         self._accept(frame, t_s)
         return [*overtaking, frame], others
 
-    def _hold(self, frame: Frame, ahead: int, t_s: float) -> tuple[list[Frame], list[Frame]]:
+    def _hold(
+        self, frame: MavlinkFrame, ahead: int, t_s: float
+    ) -> tuple[list[MavlinkFrame], list[MavlinkFrame]]:
         """Hold a frame until the next ones show whose it is."""
         if ahead > _APART or self.are_two:
             self._held_back.append(frame)
@@ -138,7 +144,9 @@ class SenderSequence:
             and self._signs == 0
         )
 
-    def _go_on_after_silence(self, frame: Frame, t_s: float) -> tuple[list[Frame], list[Frame]]:
+    def _go_on_after_silence(
+        self, frame: MavlinkFrame, t_s: float
+    ) -> tuple[list[MavlinkFrame], list[MavlinkFrame]]:
         """Take a frame after a silence of the sequence, and all that is held, as its own."""
         others = self._early if self.are_two else []
         own = [frame] if self.are_two else [*self._early, frame]
@@ -151,12 +159,14 @@ class SenderSequence:
         own[:0], self._early, self._held_back = self._held_back, [], []
         return own, others
 
-    def _take_overtaking(self, frame: Frame, ahead: int) -> tuple[list[Frame], list[Frame]]:
+    def _take_overtaking(
+        self, frame: MavlinkFrame, ahead: int
+    ) -> tuple[list[MavlinkFrame], list[MavlinkFrame]]:
         """Return frames before one of the sequence: its own that overtook it, and another's."""
         last = self._last or 0
         others, self._held_back = self._held_back, []
         early, self._early = self._early, []
-        own: list[Frame] = []
+        own: list[MavlinkFrame] = []
         for one in early:
             by = _ahead(last, one.seq)
             if by > ahead and not self.are_two:
@@ -174,7 +184,7 @@ class SenderSequence:
         ahead = _ahead(self._other, seq)
         return ahead <= _NEAR and ahead < _ahead(self._last, seq)
 
-    def _is_late(self, frame: Frame, t_s: float) -> bool:
+    def _is_late(self, frame: MavlinkFrame, t_s: float) -> bool:
         """Return whether a frame was overtaken by others of its sequence, or doubled."""
         if self._last is None or (self._last - frame.seq) & 0xFF > _KEPT:
             return False
@@ -184,12 +194,16 @@ class SenderSequence:
             return True
         return any(one.raw == frame.raw for _, one in self._came)
 
-    def _continue_other(self, frame: Frame, t_s: float) -> tuple[list[Frame], list[Frame]]:
+    def _continue_other(
+        self, frame: MavlinkFrame, t_s: float
+    ) -> tuple[list[MavlinkFrame], list[MavlinkFrame]]:
         self._note_other(frame, t_s)
         self._other_went_on = True
         return [], [frame]
 
-    def _note_alternation(self, frame: Frame, others: list[Frame], t_s: float) -> None:
+    def _note_alternation(
+        self, frame: MavlinkFrame, others: list[MavlinkFrame], t_s: float
+    ) -> None:
         """Note that the sequence goes on, after frames of another one if there were any."""
         for one in others:
             self._note_other(one, t_s)
@@ -203,14 +217,16 @@ class SenderSequence:
         elif others:
             self._signs = 0
 
-    def _note_other(self, frame: Frame, t_s: float) -> None:
+    def _note_other(self, frame: MavlinkFrame, t_s: float) -> None:
         """Note a frame of the other sequence."""
         self._other = frame.seq
         self._other_came.append((t_s, frame))
         if self._comes_again(frame, self._came, t_s):
             self._signs += 1
 
-    def _comes_again(self, frame: Frame, came: deque[tuple[float, Frame]], t_s: float) -> bool:
+    def _comes_again(
+        self, frame: MavlinkFrame, came: deque[tuple[float, MavlinkFrame]], t_s: float
+    ) -> bool:
         """Return whether a frame's number came before it is due, in a frame with other bytes."""
         within_s = min(2.0 * _LATELY_S, _HALF_ROUND * self._number_s)
         return any(
@@ -218,7 +234,7 @@ class SenderSequence:
             for at_s, one in came
         )
 
-    def _accept(self, frame: Frame, t_s: float) -> None:
+    def _accept(self, frame: MavlinkFrame, t_s: float) -> None:
         if self._last is not None:
             self._period_s += _SHARE * (min(t_s - self._last_s, _MOST_SILENT_S) - self._period_s)
             silent_s = _SILENT_PERIODS * self._period_s
@@ -280,7 +296,9 @@ class VehicleFrames:
         """Return whether two sequences of frames alternate."""
         return self._sequence.are_two
 
-    def split(self, frame: Frame, t_s: float) -> tuple[list[Frame], list[Frame]]:
+    def split(
+        self, frame: MavlinkFrame, t_s: float
+    ) -> tuple[list[MavlinkFrame], list[MavlinkFrame]]:
         """Take a frame; return the frames to pass on now, and those of a second vehicle.
 
         t_s: its time of arrival.
@@ -295,14 +313,14 @@ class VehicleFrames:
             if one.message_id in _STATE:
                 self._counts_of(one).note(t_s, own=1.0)
                 passed.append(one)
-        second: list[Frame] = []
+        second: list[MavlinkFrame] = []
         for one in others:
             if one.message_id in _STATE:
                 is_second = self._counts_of(one).note(t_s, other=1.0) >= _OWN_SHARE
                 (second if is_second else passed).append(one)
         return passed, second
 
-    def _counts_of(self, frame: Frame) -> "_Counts":
+    def _counts_of(self, frame: MavlinkFrame) -> "_Counts":
         counts = self._counts.get(frame.message_id)
         if counts is None:
             counts = self._counts[frame.message_id] = _Counts()

@@ -14,7 +14,7 @@ _NEARER = 0.99
 """This part of what an image measured is within its scale: a few stray points do not set it."""
 
 
-def far_of(depths: Iterable[DepthImage]) -> float:
+def common_far_m(depths: Iterable[DepthImage]) -> float:
     """Return the end of one scale in metres for depth images (height, width) shown together.
 
     FAR_M where nothing was measured.

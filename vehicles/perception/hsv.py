@@ -7,7 +7,7 @@ from types import MappingProxyType
 import cv2
 import numpy as np
 
-from wil_campaign.vehicles.perception.hsv_kernel import Limits, mark
+from wil_campaign.vehicles.perception.hsv_kernel import Limits, mark_hsv_pixels
 from wil_campaign.vehicles.readings import BgrImage, Mask
 
 FULL_CIRCLE_DEG = (0.0, 360.0)
@@ -83,7 +83,7 @@ class HsvMask:
         blue, green, red = (plane.reshape(-1) for plane in self._planes)
         for index, colors in enumerate(self.ranges):
             target = self._mask if index == 0 else self._more
-            mark((blue, green, red), *_kernel_arguments(colors), target.reshape(-1))
+            mark_hsv_pixels((blue, green, red), *_kernel_arguments(colors), target.reshape(-1))
             if index:
                 cv2.bitwise_or(self._mask, self._more, dst=self._mask)
         return self._mask

@@ -9,7 +9,7 @@ would widen 32-bit integers to 64, which halves the speed.
 import numpy as np
 from numpy.typing import NDArray
 
-from wil_campaign.worlds.jit import compiled
+from wil_campaign.worlds.jit import jit_compiled
 
 Plane = NDArray[np.uint8]
 Limits = tuple[np.float32, np.float32, np.float32, np.float32, np.float32, np.float32]
@@ -19,8 +19,8 @@ _NONE, _FOUR, _SIX = np.float32(0), np.float32(4), np.float32(6)
 _SIXTH, _FULL = np.float32(600), np.float32(255)
 
 
-@compiled
-def mark(
+@jit_compiled
+def mark_hsv_pixels(
     planes: tuple[Plane, Plane, Plane], limits: Limits, wraps: bool, any_hue: bool, out: Plane
 ) -> None:
     """Write 255 where a pixel lies within the HSV limits, else 0; planes: blue, green, red; flat.

@@ -19,7 +19,7 @@ from wil_campaign.vehicles.readings.images import (
 )
 from wil_campaign.vehicles.readings.kinds import (
     Reading,
-    end_s,
+    reading_end_s,
     reading_types,
     sensor_names,
     sensor_type_of,
@@ -58,7 +58,7 @@ __all__ = [
     "Ranges",
     "Reading",
     "Source",
-    "end_s",
+    "reading_end_s",
     "reading_types",
     "samples_from_pressure",
     "sensor_names",

@@ -9,7 +9,7 @@ from wil_campaign.vehicles.readings.kinds import Reading
 from wil_campaign.vehicles.readings.navigation import PoseReading
 
 
-def copied(reading: Reading) -> Reading:
+def copied_reading(reading: Reading) -> Reading:
     """Return the reading with arrays of its own, so that writes into them affect no other user."""
     arrays: dict[str, Any] = {
         field.name: value.copy()

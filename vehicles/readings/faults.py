@@ -25,7 +25,7 @@ one. changed: size, intrinsics or kind differ from the last one."""
 
 
 @dataclass(frozen=True, slots=True)
-class Fault:
+class ReadingFault:
     """A fault of a reading: a kind to count by, and a message."""
 
     kind: FaultKind
@@ -34,35 +34,39 @@ class Fault:
 
 def array_fault(
     array: NDArray[Any], shape: tuple[int | None, ...], dtype: type, name: str
-) -> Fault | None:
+) -> ReadingFault | None:
     """Check type and shape of a reading's array; return its fault or None. None: any length."""
     if array.dtype != dtype:
-        return Fault("type", f"{name} is {array.dtype}, not {np.dtype(dtype)}")
+        return ReadingFault("type", f"{name} is {array.dtype}, not {np.dtype(dtype)}")
     fits = len(array.shape) == len(shape) and all(
         wanted is None or wanted == found for wanted, found in zip(shape, array.shape, strict=True)
     )
     if not fits:
         wanted = tuple("any" if length is None else length for length in shape)
-        return Fault("shape", f"{name} is {array.shape}, not {wanted}")
+        return ReadingFault("shape", f"{name} is {array.shape}, not {wanted}")
     return None
 
 
-def ids_fault(object_ids: NDArray[Any] | None, shape: tuple[int, ...]) -> Fault | None:
+def object_ids_fault(
+    object_ids: NDArray[Any] | None, shape: tuple[int, ...]
+) -> ReadingFault | None:
     """Check a reading's object ids, where it has them; return their fault or None."""
     return None if object_ids is None else array_fault(object_ids, shape, np.uint8, "object ids")
 
 
-def distances_fault(values_m: NDArray[np.float32], name: str) -> Fault | None:
+def distances_fault(values_m: NDArray[np.float32], name: str) -> ReadingFault | None:
     """Check a reading's distances: zero or more; infinity for no hit."""
     smallest = float(values_m.min())  # NaN wins over every number
     if math.isnan(smallest):
         bad = int(np.isnan(values_m).sum())
-        return Fault("not_finite", f"{bad} of {values_m.size} {name} values are not a number")
+        return ReadingFault(
+            "not_finite", f"{bad} of {values_m.size} {name} values are not a number"
+        )
     if smallest < 0.0:
-        return Fault("negative", f"a {name} of {smallest} m")
+        return ReadingFault("negative", f"a {name} of {smallest} m")
     return None
 
 
-def are_finite(numbers: Iterable[float]) -> bool:
+def are_reading_numbers_finite(numbers: Iterable[float]) -> bool:
     """Return whether all of a reading's numbers are finite."""
     return all(math.isfinite(number) for number in numbers)

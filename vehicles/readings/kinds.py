@@ -9,7 +9,7 @@ from pydantic import BeforeValidator
 
 from wil_campaign.foundation.files.documents import KeyFaultError
 from wil_campaign.hooks import sensor_types
-from wil_campaign.installed_plugins import absent, added, loaded
+from wil_campaign.installed_plugins import absent_additions, loaded_additions, plugin_additions
 from wil_campaign.vehicles.readings.images import CameraReading, DepthReading
 from wil_campaign.vehicles.readings.navigation import GpsReading, ImuReading, PoseReading
 from wil_campaign.vehicles.readings.numbers import NumbersReading
@@ -37,17 +37,17 @@ Reading = (
 
 def sensor_names() -> tuple[str, ...]:
     """Return the sensor types as files name them, the core's first; imports none of their code."""
-    return tuple(added(sensor_types))
+    return tuple(plugin_additions(sensor_types))
 
 
-def one_of_names() -> Any:
+def sensor_name_type() -> Any:
     """Return the type of a key that names a sensor type."""
     return Annotated[Literal[sensor_names()], BeforeValidator(_require_installed)]
 
 
 def _require_installed(name: object) -> object:
     """Return the name of a sensor type; raises KeyFaultError where its plugin is absent."""
-    if why := absent(sensor_types).get(str(name)):
+    if why := absent_additions(sensor_types).get(str(name)):
         raise KeyFaultError((), why)
     return name
 
@@ -55,7 +55,7 @@ def _require_installed(name: object) -> object:
 @cache
 def sensor_specs() -> Mapping[str, Any]:
     """Return each sensor type's `SensorSpec` by its name in files. Raises BadInput as `loaded`."""
-    return MappingProxyType(loaded(sensor_types, "spec"))
+    return MappingProxyType(loaded_additions(sensor_types, "spec"))
 
 
 @cache
@@ -100,12 +100,12 @@ def sensor_type_of(reading: Reading) -> str:
     return _names()[type(reading)]
 
 
-def end_s(reading: Reading) -> float:
+def reading_end_s(reading: Reading) -> float:
     """Return when a reading ends: one that lasts after its last sample, any other at its time."""
-    return reading.t_s + duration_s(reading)
+    return reading.t_s + reading_duration_s(reading)
 
 
-def duration_s(reading: Any) -> float:
+def reading_duration_s(reading: Any) -> float:
     """Return how long a reading lasts: 0 for one of a moment."""
     length_s: float = 0.0 if traits_of(type(reading)).line is None else reading.duration_s
     return length_s

@@ -47,7 +47,7 @@ QUATERNION = schema_of_object("foxglove.Quaternion", x=NUMBER, y=NUMBER, z=NUMBE
 POSE_SCHEMA = schema_of_object("foxglove.Pose", position=VECTOR3, orientation=QUATERNION)
 
 
-def stamped(title: str, **properties: Schema) -> Schema:
+def stamped_message_schema(title: str, **properties: Schema) -> Schema:
     """Return the JSON schema of a reading's message: a timestamp, these fields, and `wil`."""
     wil: Schema = {"type": "object"}
     return schema_of_object(title, timestamp=TIME, frame_id=STRING, **properties, wil=wil)
@@ -59,7 +59,7 @@ _INFINITE, _MINUS_INFINITE = f"\x00{_MARK}", f"\x00-{_MARK}"
 _WRITTEN = ((f'"\\u0000{_MARK}"'.encode(), b"1e999"), (f'"\\u0000-{_MARK}"'.encode(), b"-1e999"))
 
 
-def encode(document: dict[str, Json], data: bytes | None = None) -> bytes:
+def encode_message(document: dict[str, Json], data: bytes | None = None) -> bytes:
     """Return a message document as JSON text; `data` becomes its field of that name, base64."""
     try:
         text = json.dumps(document, separators=(",", ":"), allow_nan=False).encode()
@@ -85,7 +85,7 @@ def _without_infinity(value: Json) -> Json:
     return value
 
 
-def numbers(array: NDArray[np.float32]) -> list[Json]:
+def numbers_to_json(array: NDArray[np.float32]) -> list[Json]:
     """Return the values of a (n,) array for a JSON document."""
     values: list[Json] = array.tolist()
     for index in np.flatnonzero(~np.isfinite(array)).tolist():
@@ -104,30 +104,30 @@ def _names(kind: type) -> tuple[str, ...] | None:
     return tuple(field.name for field in dataclasses.fields(kind))
 
 
-def plain(value: Any) -> Json:
+def plain_json_document(value: Any) -> Json:
     """Return a frozen dataclass, its tuples and its parts as a JSON document."""
     kind: Any = type(value)
     if kind in _PLAIN:
         return value
     if (names := _names(kind)) is not None:
-        return {name: plain(getattr(value, name)) for name in names}
+        return {name: plain_json_document(getattr(value, name)) for name in names}
     if isinstance(value, tuple | list):
-        return [plain(one) for one in value]
+        return [plain_json_document(one) for one in value]
     return value
 
 
-def number(value: Json) -> float:
+def number_from_json(value: Json) -> float:
     """Return a float of a JSON document, where null is NaN."""
     return math.nan if value is None else float(value)
 
 
-def vector(value: Json) -> Vec3:
+def vector_from_json(value: Json) -> Vec3:
     """Return three floats of a JSON document."""
-    x, y, z = (number(one) for one in value)
+    x, y, z = (number_from_json(one) for one in value)
     return (x, y, z)
 
 
-def pose_out(pose: Pose) -> dict[str, Json]:
+def pose_to_json(pose: Pose) -> dict[str, Json]:
     """Return a pose as the JSON of a foxglove.Pose."""
     (x, y, z), (qw, qx, qy, qz) = pose.position_ned_m, pose.q_wxyz
     return {
@@ -136,20 +136,20 @@ def pose_out(pose: Pose) -> dict[str, Json]:
     }
 
 
-def pose_in(value: Json) -> Pose:
+def pose_from_json(value: Json) -> Pose:
     """Return the pose in the JSON of a foxglove.Pose."""
     p, q = value["position"], value["orientation"]
     return Pose(
-        vector((p["x"], p["y"], p["z"])),
-        (number(q["w"]), *vector((q["x"], q["y"], q["z"]))),
+        vector_from_json((p["x"], p["y"], p["z"])),
+        (number_from_json(q["w"]), *vector_from_json((q["x"], q["y"], q["z"]))),
     )
 
 
-def text_of(array: NDArray[np.uint8]) -> str:
+def base64_from_array(array: NDArray[np.uint8]) -> str:
     """Return an array's bytes as base64, for a JSON field beside `data`."""
     return base64.b64encode(array.tobytes()).decode("ascii")
 
 
-def bytes_of(text: str) -> bytes:
+def bytes_from_base64(text: str) -> bytes:
     """Return the bytes of a base64 JSON field. Raises ValueError."""
     return base64.b64decode(text, validate=True)

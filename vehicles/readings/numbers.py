@@ -24,18 +24,18 @@ class NumbersReading:
     sensor: str = ""
 
 
-def is_numbers(kind: type) -> bool:
+def is_numbers_reading(kind: type) -> bool:
     """Return whether a class of readings has numbers beside its stamps, and nothing else."""
     hints = _hints(kind).values()
     return bool(hints) and all(hint in {float, int} for hint in hints)
 
 
-def number_fields(kind: type) -> dict[str, type[float] | type[int]]:
+def number_fields_of_reading(kind: type) -> dict[str, type[float] | type[int]]:
     """Return the numbers of a class of readings: names and types, in the order of its fields.
 
     Raises TypeError for a class that has other fields: it needs a check, a message and a decoder.
     """
-    if not is_numbers(kind):
+    if not is_numbers_reading(kind):
         raise TypeError(f"{kind.__name__} has other fields than numbers, or none")
     return _hints(kind)
 

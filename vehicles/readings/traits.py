@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wil_campaign.vehicles.readings.faults import Fault
+from wil_campaign.vehicles.readings.faults import ReadingFault
 from wil_campaign.vehicles.readings.images import Source
 from wil_campaign.vehicles.readings.messages import Json, Schema
 from wil_campaign.worlds.frames import Pose, norm, subtract
@@ -59,7 +59,7 @@ class ReadingTraits:
     can use of one.
     """
 
-    fault: Callable[[Any], Fault | None] | None = None
+    fault: Callable[[Any], ReadingFault | None] | None = None
     schema: Schema | None = None
     encode: Callable[[Any], Encoded] | None = None
     decode: Callable[[Json, Parts], Mapping[str, Any]] | None = None

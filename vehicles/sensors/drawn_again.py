@@ -16,7 +16,7 @@ _CAMERAS = 8
 """So many cameras have their noise ready, some 3 MB each: every run has noise of its own."""
 
 
-class DrawnAgain:
+class ImageRedrawer:
     """Draws images of one scene again, through the same lens and with the same effects."""
 
     def __init__(self, scene: Scene) -> None:

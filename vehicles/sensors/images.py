@@ -8,11 +8,11 @@ import numpy as np
 
 from wil_campaign.vehicles.readings import CameraReading, DepthReading, Source
 from wil_campaign.vehicles.readings.faults import (
-    Fault,
-    are_finite,
+    ReadingFault,
+    are_reading_numbers_finite,
     array_fault,
     distances_fault,
-    ids_fault,
+    object_ids_fault,
 )
 from wil_campaign.vehicles.readings.image_messages import decode_camera, decode_depth
 from wil_campaign.vehicles.readings.traits import ReadingTraits, has_moved_half_a_metre
@@ -29,17 +29,17 @@ _DEPTHS_M = (0.02, 100.0)
 _VISIBILITY = "wil_campaign.orchestrator.run.perception.visibility"
 
 
-def intrinsics_fault(intrinsics: Intrinsics) -> Fault | None:
+def intrinsics_fault(intrinsics: Intrinsics) -> ReadingFault | None:
     """Return the fault of a reading's camera model; None when it has none."""
     i = intrinsics
     if i.width_px < 1 or i.height_px < 1:
-        return Fault("intrinsics", f"the image size is {i.width_px}x{i.height_px}")
-    if not are_finite((i.fx_px, i.fy_px, i.cx_px, i.cy_px, *i.distortion)):
-        return Fault("intrinsics", f"a number is not finite in {i}")
+        return ReadingFault("intrinsics", f"the image size is {i.width_px}x{i.height_px}")
+    if not are_reading_numbers_finite((i.fx_px, i.fy_px, i.cx_px, i.cy_px, *i.distortion)):
+        return ReadingFault("intrinsics", f"a number is not finite in {i}")
     if i.fx_px <= 0.0 or i.fy_px <= 0.0:
-        return Fault("intrinsics", f"focal lengths {i.fx_px}, {i.fy_px} px are not positive")
+        return ReadingFault("intrinsics", f"focal lengths {i.fx_px}, {i.fy_px} px are not positive")
     if len(i.distortion) not in _DISTORTION_LENGTHS:
-        return Fault(
+        return ReadingFault(
             "intrinsics",
             f"{len(i.distortion)} distortion coefficients; OpenCV takes {_DISTORTION_LENGTHS}",
         )
@@ -55,26 +55,26 @@ def _size_text(reading: CameraReading | DepthReading) -> str:
     return f"{reading.intrinsics.width_px} x {reading.intrinsics.height_px}"
 
 
-def _depth_image_fault(depth_m: Any, size: tuple[int, int]) -> Fault | None:
+def _depth_image_fault(depth_m: Any, size: tuple[int, int]) -> ReadingFault | None:
     fault = array_fault(depth_m, size, np.float32, "depth")
     return fault or distances_fault(depth_m, "depth")
 
 
-def _camera_fault(reading: CameraReading) -> Fault | None:
+def _camera_fault(reading: CameraReading) -> ReadingFault | None:
     """Check a camera reading; return its fault or None."""
     size = _size(reading)
     fault = array_fault(reading.image_bgr, (*size, 3), np.uint8, "image")
     fault = fault or intrinsics_fault(reading.intrinsics)
     if fault is None and reading.depth_m is not None:
         fault = _depth_image_fault(reading.depth_m, size)
-    return fault or ids_fault(reading.object_ids, size)
+    return fault or object_ids_fault(reading.object_ids, size)
 
 
-def _depth_fault(reading: DepthReading) -> Fault | None:
+def _depth_fault(reading: DepthReading) -> ReadingFault | None:
     """Check a depth reading; return its fault or None."""
     size = _size(reading)
     fault = intrinsics_fault(reading.intrinsics) or _depth_image_fault(reading.depth_m, size)
-    return fault or ids_fault(reading.object_ids, size)
+    return fault or object_ids_fault(reading.object_ids, size)
 
 
 def _has_moved(reading: Any, since: Pose, now: Pose) -> bool:

@@ -8,7 +8,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from wil_campaign.vehicles.cameras.rendered_cameras import ImageSource, RenderedImage, moving_in
+from wil_campaign.vehicles.cameras.rendered_cameras import (
+    ImageSource,
+    RenderedImage,
+    moving_bodies_in_image,
+)
 from wil_campaign.vehicles.readings import BgrImage, CameraReading, DepthImage, IdImage
 from wil_campaign.vehicles.sensors.images import CAMERA_TRAITS
 from wil_campaign.vehicles.sensors.sensor_spec import SensorSpec
@@ -81,7 +85,7 @@ class ThroughLens:
             cv2.remap(pinhole.image_bgr, lens.u_px, lens.v_px, cv2.INTER_LINEAR),
             _nearest(pinhole.depth_m, lens),
             _nearest(pinhole.object_ids, lens),
-            moving_in(pinhole),
+            moving_bodies_in_image(pinhole),
         )
 
 

@@ -4,14 +4,14 @@ import math
 from typing import Any, ClassVar
 
 from wil_campaign.vehicles.readings import PoseReading
-from wil_campaign.vehicles.readings.faults import Fault, are_finite
+from wil_campaign.vehicles.readings.faults import ReadingFault, are_reading_numbers_finite
 from wil_campaign.vehicles.readings.messages import (
     POSE_SCHEMA,
     Json,
-    pose_in,
-    pose_out,
-    stamped,
-    vector,
+    pose_from_json,
+    pose_to_json,
+    stamped_message_schema,
+    vector_from_json,
 )
 from wil_campaign.vehicles.readings.traits import Encoded, Parts, ReadingTraits
 from wil_campaign.vehicles.sensors.sensor_spec import SensorOptions, SensorSpec, TruthRate
@@ -33,19 +33,19 @@ class PoseOptions(SensorOptions):
     rate_hz: TruthRate | None = None
 
 
-def _fault(reading: PoseReading) -> Fault | None:
+def _fault(reading: PoseReading) -> ReadingFault | None:
     """Check a pose reading; return its fault or None."""
     fault, velocity = _pose_fault(reading.pose), reading.velocity_ned_m_s
-    if fault is None and velocity is not None and not are_finite(velocity):
-        return Fault("not_finite", f"velocity {velocity} m/s")
+    if fault is None and velocity is not None and not are_reading_numbers_finite(velocity):
+        return ReadingFault("not_finite", f"velocity {velocity} m/s")
     return fault
 
 
-def _pose_fault(pose: Pose) -> Fault | None:
-    if not are_finite((*pose.position_ned_m, *pose.q_wxyz)):
-        return Fault("not_finite", f"pose {pose.position_ned_m}, {pose.q_wxyz}")
+def _pose_fault(pose: Pose) -> ReadingFault | None:
+    if not are_reading_numbers_finite((*pose.position_ned_m, *pose.q_wxyz)):
+        return ReadingFault("not_finite", f"pose {pose.position_ned_m}, {pose.q_wxyz}")
     if abs(sum(part * part for part in pose.q_wxyz) - 1.0) > _UNIT_SLACK:
-        return Fault("out_of_range", f"quaternion {pose.q_wxyz} is not of length 1")
+        return ReadingFault("out_of_range", f"quaternion {pose.q_wxyz} is not of length 1")
     return None
 
 
@@ -53,14 +53,14 @@ def _encode(reading: PoseReading) -> Encoded:
     """Return a pose reading as the fields of a foxglove.PoseInFrame."""
     velocity = reading.velocity_ned_m_s
     facts = {"velocity_ned_m_s": None if velocity is None else list(velocity)}
-    return {"pose": pose_out(reading.pose), "wil": facts}, None
+    return {"pose": pose_to_json(reading.pose), "wil": facts}, None
 
 
 def _decode(document: Json, _: Parts) -> dict[str, Any]:
     velocity = document["wil"]["velocity_ned_m_s"]
     return {
-        "pose": pose_in(document["pose"]),
-        "velocity_ned_m_s": None if velocity is None else vector(velocity),
+        "pose": pose_from_json(document["pose"]),
+        "velocity_ned_m_s": None if velocity is None else vector_from_json(velocity),
     }
 
 
@@ -83,7 +83,7 @@ def _rest_fault(reading: PoseReading, pose: Pose, _: LocalFrame) -> str | None:
 
 _TRAITS = ReadingTraits(
     fault=_fault,
-    schema=stamped("foxglove.PoseInFrame", pose=POSE_SCHEMA),
+    schema=stamped_message_schema("foxglove.PoseInFrame", pose=POSE_SCHEMA),
     encode=_encode,
     decode=_decode,
     compared=lambda r: (*r.pose.position_ned_m, *r.pose.q_wxyz),

@@ -9,11 +9,11 @@ import numpy as np
 
 from wil_campaign.foundation.clocks.sleeping import sleep_until
 from wil_campaign.vehicles.cameras.rendered_cameras import (
-    Compute,
+    CameraCompute,
     ImageSource,
-    deliver_when_due,
-    inline,
-    next_tick,
+    compute_inline,
+    deliver_due_readings,
+    next_camera_tick,
 )
 from wil_campaign.vehicles.readings import CameraReading, DepthReading, PoseReading, Reading, Source
 from wil_campaign.vehicles.sensors.depth import DepthSensor
@@ -30,14 +30,14 @@ TRUTH_DELAY_S = 0.01
 """How long after a tick its truth is looked up: by then the samples around it have arrived."""
 
 
-class Stream(Protocol):
+class ReadingStream(Protocol):
     """A vehicle's sensor that streams readings by itself (protocol)."""
 
     async def run(self, deliver: Deliver) -> None:
         """Stream readings until cancelled; what `deliver` raises ends it."""
 
 
-class OnDemand(Protocol):
+class SensesOnDemand(Protocol):
     """A sensor of the twin that senses at a requested pose (protocol)."""
 
     async def ask(
@@ -61,7 +61,7 @@ class SensorStream:
         track: TruthHistory,
         rate_hz: float,
         rng: np.random.Generator,
-        compute: Compute = inline,
+        compute: CameraCompute = compute_inline,
         truth_delay_s: float = TRUTH_DELAY_S,
     ) -> None:
         self._truth_delay_s = truth_delay_s
@@ -77,7 +77,7 @@ class SensorStream:
         ready: asyncio.Queue[Reading] = asyncio.Queue()
         async with asyncio.TaskGroup() as tasks:
             tasks.create_task(self._sense(ready), name="sensor samples")
-            tasks.create_task(deliver_when_due(ready, deliver), name="sensor delivery")
+            tasks.create_task(deliver_due_readings(ready, deliver), name="sensor delivery")
 
     async def _sense(self, ready: asyncio.Queue[Reading]) -> None:
         loop = asyncio.get_running_loop()
@@ -91,7 +91,7 @@ class SensorStream:
             else:
                 ready.put_nowait(replace(await self._sample(truth, t_s), seq=tick))
             behind_s = loop.time() - self._truth_delay_s - start_s
-            following = max(tick + 1, next_tick(behind_s, self._rate_hz))
+            following = max(tick + 1, next_camera_tick(behind_s, self._rate_hz))
             self.left_out += following - tick - 1
             tick = following
 
@@ -168,7 +168,7 @@ class OnDemandSensor:
     """A sensor of the twin that senses at once, from any pose, without motion."""
 
     def __init__(
-        self, *, sensor: Sensor, rng: np.random.Generator, compute: Compute = inline
+        self, *, sensor: Sensor, rng: np.random.Generator, compute: CameraCompute = compute_inline
     ) -> None:
         self._sensor = sensor
         self._rng = rng

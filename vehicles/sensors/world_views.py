@@ -8,7 +8,7 @@ from wil_campaign.vehicles.cameras.rendered_cameras import RenderedImage
 from wil_campaign.vehicles.sensors.beams import Directions, RayHits
 from wil_campaign.worlds.camera import Intrinsics
 from wil_campaign.worlds.frames import Pose, matrix_from_quat
-from wil_campaign.worlds.rays.raycast import RayCaster
+from wil_campaign.worlds.rays.raycast import SceneRayCaster
 from wil_campaign.worlds.render.renderer import Renderer
 from wil_campaign.worlds.scene.scene import Scene
 
@@ -41,7 +41,7 @@ class WorldRays:
     def __init__(self, *, scene: Scene, events: Mapping[str, float]) -> None:
         self._scene = scene
         self._events = events
-        self._caster: RayCaster | None = None
+        self._caster: SceneRayCaster | None = None
 
     def prepare(self) -> None:
         """Build the tree of the scene now, before the flight: it may take seconds."""
@@ -54,7 +54,7 @@ class WorldRays:
         hits = caster.cast(sensor.position_ned_m, directions_ned, t_s, self._events)
         return RayHits(hits.ranges_m.astype(np.float32), hits.object_ids)
 
-    def _load_caster(self) -> RayCaster:
+    def _load_caster(self) -> SceneRayCaster:
         if self._caster is None:
-            self._caster = RayCaster(self._scene)
+            self._caster = SceneRayCaster(self._scene)
         return self._caster

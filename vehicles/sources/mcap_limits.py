@@ -37,7 +37,7 @@ DAMAGED = (
 """The errors that reading a damaged chunk raises, from all libraries involved."""
 
 
-def check_length(length_bytes: int) -> None:
+def check_record_length(length_bytes: int) -> None:
     """Raise ChunkLimitError for a record that is too long to be read."""
     if length_bytes > MAX_CHUNK_BYTES:
         raise ChunkLimitError(
@@ -73,7 +73,7 @@ def chunk_records(chunk: Chunk) -> Iterator[Schema | Channel | Message]:
 
 
 def _decompressed(chunk: Chunk) -> bytes:
-    check_length(chunk.uncompressed_size)
+    check_record_length(chunk.uncompressed_size)
     if chunk.compression == "zstd":
         stated = zstandard.get_frame_parameters(chunk.data).content_size
         if stated not in {chunk.uncompressed_size, zstandard.CONTENTSIZE_UNKNOWN}:

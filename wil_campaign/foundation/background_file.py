@@ -25,7 +25,7 @@ _KEPT_POLLS = 40
 """Of those in all: what slow files leave to later ones, for their least polls."""
 
 
-class Patience:
+class DiskPatience:
     """How long the ends of all files of a process together wait for the disk.
 
     So long as it takes something, they wait on, but not for more than so many polls in all.
@@ -56,7 +56,7 @@ class Patience:
         return self._polls <= _MOST_POLLS and left >= _KEPT_POLLS
 
 
-patience = Patience()
+patience = DiskPatience()
 """Of this process."""
 
 

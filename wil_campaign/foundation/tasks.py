@@ -23,12 +23,12 @@ TakeFault = Callable[[BaseException, str], None]
 """Takes an exception and where it arose."""
 
 
-def start(coroutine: Coroutine[Any, Any, T], *, name: str) -> asyncio.Task[T]:
+def start_task(coroutine: Coroutine[Any, Any, T], *, name: str) -> asyncio.Task[T]:
     """Start a task, which the caller has to `stop` or await."""
     return asyncio.get_running_loop().create_task(coroutine, name=name)
 
 
-async def stop(*tasks: asyncio.Task[Any]) -> None:
+async def stop_tasks(*tasks: asyncio.Task[Any]) -> None:
     """Cancel tasks and wait until all have ended. Raises another error that ended one of them."""
     for task in tasks:
         task.cancel()
@@ -39,13 +39,13 @@ async def stop(*tasks: asyncio.Task[Any]) -> None:
         raise _one_of(errors)
 
 
-async def finish(coroutine: Coroutine[Any, Any, T], *, name: str) -> T:
+async def finish_in_task(coroutine: Coroutine[Any, Any, T], *, name: str) -> T:
     """Run a coroutine to its end in its own task, whatever happens to the caller meanwhile.
 
     A cancellation of the caller, however often, is raised when the task has ended. A loop that is
     gone ends no task: then nothing is waited for.
     """
-    task = start(coroutine, name=name)
+    task = start_task(coroutine, name=name)
     interruptions: list[BaseException] = []
     while not task.done():
         try:
@@ -62,17 +62,17 @@ async def finish(coroutine: Coroutine[Any, Any, T], *, name: str) -> T:
 
 
 @asynccontextmanager
-async def together() -> AsyncIterator[asyncio.TaskGroup]:
+async def open_task_group() -> AsyncIterator[asyncio.TaskGroup]:
     """Open a group of tasks (TaskGroup) that raises a single error as it is, in no group."""
     try:
         async with asyncio.TaskGroup() as group:
             yield group
     except BaseExceptionGroup as errors:
-        raise _one_of(leaves(errors)) from None
+        raise _one_of(leaf_errors(errors)) from None
 
 
 @contextmanager
-def raising_first_of(*kinds: type[Exception]) -> Iterator[None]:
+def raising_first_task_error(*kinds: type[Exception]) -> Iterator[None]:
     """Raise the first error of these kinds in a group of tasks' errors by itself, in no group.
 
     Where there are also errors of other kinds, a group of it and them. Not by `except*`: what is
@@ -84,20 +84,20 @@ def raising_first_of(*kinds: type[Exception]) -> Iterator[None]:
         found, others = errors.split(kinds)
         if found is None:
             raise
-        first = leaves(found)[0]
+        first = leaf_errors(found)[0]
         if others is None:
             raise first from None
         raise BaseExceptionGroup(errors.message, [first, others]) from None
 
 
-def leaves(error: BaseException) -> list[BaseException]:
+def leaf_errors(error: BaseException) -> list[BaseException]:
     """Return the errors within nested error groups of tasks, in order."""
     if isinstance(error, BaseExceptionGroup):
-        return [leaf for exception in error.exceptions for leaf in leaves(exception)]
+        return [leaf for exception in error.exceptions for leaf in leaf_errors(exception)]
     return [error]
 
 
-def asked_to_end(error: BaseException) -> bool:
+def is_task_cancellation(error: BaseException) -> bool:
     """Return whether an error is a requested cancellation of this task."""
     if not isinstance(error, asyncio.CancelledError):
         return False
@@ -105,7 +105,7 @@ def asked_to_end(error: BaseException) -> bool:
     return task is not None and task.cancelling() > 0
 
 
-def end_if_asked() -> None:
+def raise_if_task_cancelled() -> None:
     """Raise CancelledError if this task was cancelled and went on.
 
     For the line after a library's `asyncio.wait_for`: in Python 3.11 that drops a cancellation in
@@ -117,7 +117,7 @@ def end_if_asked() -> None:
         raise asyncio.CancelledError
 
 
-def report(error: BaseException, where: str) -> None:
+def report_task_error(error: BaseException, where: str) -> None:
     """Report a task's exception to the loop's exception handler.
 
     For callers of several callbacks: one listener that fails must not keep the others from being
@@ -127,7 +127,7 @@ def report(error: BaseException, where: str) -> None:
     asyncio.get_running_loop().call_exception_handler(context)
 
 
-class Contained:
+class SuppressedErrors:
     """Reports exceptions raised within it and suppresses them; a context manager."""
 
     __slots__ = ("_where",)
@@ -147,7 +147,7 @@ class Contained:
         """Report an exception of FAULTS to the loop's handler."""
         if not isinstance(error, FAULTS):
             return False
-        report(error, self._where)
+        report_task_error(error, self._where)
         return True
 
 
@@ -194,7 +194,7 @@ class TaskAccount:
         error: BaseException | None = _peek(task, "_exception")
         if error is None:
             return
-        if all(isinstance(leave, self._expected) for leave in leaves(error)):
+        if all(isinstance(leave, self._expected) for leave in leaf_errors(error)):
             self._unread.append(task)
         else:
             self._fault(error, task.get_name())

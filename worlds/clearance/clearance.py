@@ -13,11 +13,17 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
-from wil_campaign.worlds.clearance.distance import Body, BodySolid, Gap, PartSolid
+from wil_campaign.worlds.clearance.distance import Body, BodySolid, PartGap, PartSolid
 from wil_campaign.worlds.frames import AT_ORIGIN, Pose, Vec3, angle_between
-from wil_campaign.worlds.scene.motion import Travel
+from wil_campaign.worlds.scene.motion import MotionTravel
 from wil_campaign.worlds.scene.parts import BoxShape, SphereShape
-from wil_campaign.worlds.scene.scene import NO_EVENTS, Placed, RigidBody, Scene, SceneObject
+from wil_campaign.worlds.scene.scene import (
+    NO_EVENTS,
+    ObjectPlacement,
+    RigidBody,
+    Scene,
+    SceneObject,
+)
 
 __all__ = ["GROUND", "Body", "BoxShape", "Clearance", "ClearanceProbe", "SphereShape"]
 
@@ -177,8 +183,8 @@ class _Stretch:
         self.way_m = math.dist(pose_0.position_ned_m, pose_1.position_ned_m)
         self.turn_rad = angle_between(pose_0.q_wxyz, pose_1.q_wxyz)
         self.is_point = t_0_s == t_1_s and pose_0 == pose_1
-        self._placed: dict[tuple[int, float], Placed] = {}
-        self._travels: dict[tuple[int, float, float], Travel] = {}
+        self._placed: dict[tuple[int, float], ObjectPlacement] = {}
+        self._travels: dict[tuple[int, float, float], MotionTravel] = {}
 
     def time_s(self, fraction: float) -> float:
         return self.t_0_s + (self.t_1_s - self.t_0_s) * fraction
@@ -187,7 +193,7 @@ class _Stretch:
         """Return a body's pose at a time; limbs of one object share where that is."""
         return body.pose_on(self._placed_at(body.scene_object, t_s))
 
-    def travel_of(self, body: RigidBody, from_fraction: float, to_fraction: float) -> Travel:
+    def travel_of(self, body: RigidBody, from_fraction: float, to_fraction: float) -> MotionTravel:
         """Return how far a body goes and turns at most between two fractions of the stretch."""
         return body.travel_on(self._travel(body.scene_object, from_fraction, to_fraction))
 
@@ -196,7 +202,7 @@ class _Stretch:
         begin = self._placed_at(scene_object, self.t_0_s).pose.position_ned_m
         return begin, self._travel(scene_object, 0.0, 1.0).length_m
 
-    def _placed_at(self, scene_object: SceneObject, t_s: float) -> Placed:
+    def _placed_at(self, scene_object: SceneObject, t_s: float) -> ObjectPlacement:
         key = (scene_object.object_id, t_s)
         placed = self._placed.get(key)
         if placed is None:
@@ -205,7 +211,7 @@ class _Stretch:
 
     def _travel(
         self, scene_object: SceneObject, from_fraction: float, to_fraction: float
-    ) -> Travel:
+    ) -> MotionTravel:
         key = (scene_object.object_id, from_fraction, to_fraction)
         travel = self._travels.get(key)
         if travel is None:
@@ -244,7 +250,7 @@ class _Sample:
 
     fraction: float
     pose: Pose
-    gap: Gap
+    gap: PartGap
 
 
 class _Sweep:

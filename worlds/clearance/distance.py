@@ -9,16 +9,22 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from wil_campaign.worlds.clearance.gjk import PRECISION_M, posed_distance
+from wil_campaign.worlds.clearance.gjk import PRECISION_M, posed_convex_distance
 from wil_campaign.worlds.clearance.surfaces import (
     TriangleTree,
+    is_swept_beyond,
     surface_distance,
-    swept_beyond,
     triangle_tree,
 )
 from wil_campaign.worlds.frames import Pose, Quat, Vec3, matrix_from_quat, quat_conjugate, rotate
 from wil_campaign.worlds.scene.meshes import FloatArray, vec3
-from wil_campaign.worlds.scene.parts import BoxShape, Part, PartShape, SphereShape, SurfaceShape
+from wil_campaign.worlds.scene.parts import (
+    BoxShape,
+    PartShape,
+    SolidPart,
+    SphereShape,
+    SurfaceShape,
+)
 
 Body = BoxShape | SphereShape
 """A vehicle's body for contact: a box (half extents FRD, metres) or a ball."""
@@ -27,7 +33,7 @@ _CUBE = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)],
 
 
 @dataclass(frozen=True, slots=True)
-class Gap:
+class PartGap:
     """The distance of a body to a part, 0 at contact, and the unit direction to the body.
 
     direction: None at contact, and where the part is not convex: then no plane with that
@@ -38,13 +44,13 @@ class Gap:
     direction: Vec3 | None
 
 
-CONTACT = Gap(0.0, None)
+CONTACT = PartGap(0.0, None)
 
 
 class PartSolid:
     """A part prepared for distance measurement, at its place in the object's frame."""
 
-    def __init__(self, part: Part) -> None:
+    def __init__(self, part: SolidPart) -> None:
         self.name = part.name
         rotation = matrix_from_quat(part.pose.q_wxyz)
         core, self.rounding_m = _core(part.shape)
@@ -82,22 +88,22 @@ class BodySolid:
         self._half_m = body.half_m if isinstance(body, BoxShape) else None
         self._corners_m, self._rounding_m = _core(body)
 
-    def gap(self, pose: Pose, part: PartSolid) -> Gap:
+    def gap(self, pose: Pose, part: PartSolid) -> PartGap:
         """Return the distance between the body at a pose in the object's frame and a part."""
         if part.tree is not None:
             corners, at = self._corners_m, pose.position_ned_m
             distance_m = surface_distance(corners, at, pose.q_wxyz, part.tree) - self._rounding_m
-            return Gap(distance_m, None) if distance_m > PRECISION_M else CONTACT
-        _, direction, at_least_m = posed_distance(
+            return PartGap(distance_m, None) if distance_m > PRECISION_M else CONTACT
+        _, direction, at_least_m = posed_convex_distance(
             self._corners_m, pose.position_ned_m, pose.q_wxyz, part.corners_m
         )
         distance_m = at_least_m - self._rounding_m - part.rounding_m
-        return Gap(distance_m, direction) if distance_m > PRECISION_M else CONTACT
+        return PartGap(distance_m, direction) if distance_m > PRECISION_M else CONTACT
 
     def stays_beyond(self, tree: TriangleTree, first: Pose, last: Pose, enough_m: float) -> bool:
         """Return whether the body's hull over two poses keeps a distance from triangles."""
         ends = (first.position_ned_m, first.q_wxyz), (last.position_ned_m, last.q_wxyz)
-        return swept_beyond(self._corners_m, *ends, tree, enough_m + self._rounding_m)
+        return is_swept_beyond(self._corners_m, *ends, tree, enough_m + self._rounding_m)
 
     def reach_m(self, q_wxyz: Quat) -> Vec3:
         """Return the body's extent from its middle along the axes of the object's frame."""

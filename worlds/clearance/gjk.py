@@ -8,7 +8,7 @@ gives distances that are off by a quarter where boxes are parallel, which hoveri
 
 import numpy as np
 
-from wil_campaign.worlds.jit import F64, Float, Int, compiled
+from wil_campaign.worlds.jit import F64, Float, Int, jit_compiled
 
 PRECISION_M = 1e-7
 _MOST_STEPS = 100
@@ -16,26 +16,26 @@ Vector = tuple[Float, Float, Float]
 """Three coordinates, metres."""
 
 
-@compiled
-def dot(a: Vector, b: Vector) -> Float:
+@jit_compiled
+def gjk_dot(a: Vector, b: Vector) -> Float:
     """Return the inner product of two vectors (GJK kernel)."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
-@compiled
-def minus(a: Vector, b: Vector) -> Vector:
+@jit_compiled
+def gjk_minus(a: Vector, b: Vector) -> Vector:
     """Return a - b of two vectors (GJK kernel)."""
     return a[0] - b[0], a[1] - b[1], a[2] - b[2]
 
 
-@compiled
-def cross(a: Vector, b: Vector) -> Vector:
+@jit_compiled
+def gjk_cross(a: Vector, b: Vector) -> Vector:
     """Return the cross product of two vectors (GJK kernel)."""
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
-@compiled
-def furthest(corners: F64, direction: Vector) -> Int:
+@jit_compiled
+def support_corner(corners: F64, direction: Vector) -> Int:
     """Return the support corner along a direction (GJK kernel); the first of equals."""
     best, best_value = 0, -np.inf
     for i in range(corners.shape[0]):
@@ -49,19 +49,19 @@ def furthest(corners: F64, direction: Vector) -> Int:
     return best
 
 
-@compiled
-def corner(simplex: F64, i: Int) -> Vector:
+@jit_compiled
+def simplex_corner(simplex: F64, i: Int) -> Vector:
     """Return one corner of the GJK simplex."""
     return simplex[i, 0], simplex[i, 1], simplex[i, 2]
 
 
-@compiled
-def nearest_on_edge(simplex: F64, i: Int, j: Int) -> tuple[Vector, Int]:
+@jit_compiled
+def nearest_on_simplex_edge(simplex: F64, i: Int, j: Int) -> tuple[Vector, Int]:
     """Return the point of a simplex's edge nearest to the origin, and its corners as bits."""
-    a, b = corner(simplex, i), corner(simplex, j)
-    along = minus(b, a)
-    length = dot(along, along)
-    t = -dot(a, along) / length if length > 0.0 else 0.0
+    a, b = simplex_corner(simplex, i), simplex_corner(simplex, j)
+    along = gjk_minus(b, a)
+    length = gjk_dot(along, along)
+    t = -gjk_dot(a, along) / length if length > 0.0 else 0.0
     if t <= 0.0:
         return a, 1 << i
     if t >= 1.0:
@@ -69,62 +69,62 @@ def nearest_on_edge(simplex: F64, i: Int, j: Int) -> tuple[Vector, Int]:
     return (a[0] + along[0] * t, a[1] + along[1] * t, a[2] + along[2] * t), (1 << i) | (1 << j)
 
 
-@compiled
-def is_above(a: Vector, b: Vector, c: Vector) -> bool:
+@jit_compiled
+def is_above_triangle(a: Vector, b: Vector, c: Vector) -> bool:
     """Return whether the origin projects into a triangle of the GJK simplex."""
-    ab, ac = minus(b, a), minus(c, a)
-    d1, d2 = -dot(ab, a), -dot(ac, a)
-    d3, d4 = -dot(ab, b), -dot(ac, b)
-    d5, d6 = -dot(ab, c), -dot(ac, c)
+    ab, ac = gjk_minus(b, a), gjk_minus(c, a)
+    d1, d2 = -gjk_dot(ab, a), -gjk_dot(ac, a)
+    d3, d4 = -gjk_dot(ab, b), -gjk_dot(ac, b)
+    d5, d6 = -gjk_dot(ab, c), -gjk_dot(ac, c)
     return bool(d3 * d6 > d5 * d4 and d5 * d2 > d1 * d6 and d1 * d4 > d3 * d2)
 
 
-@compiled
-def has_inside(simplex: F64) -> bool:
+@jit_compiled
+def simplex_has_origin(simplex: F64) -> bool:
     """Return whether the origin is strictly inside the GJK simplex, a tetrahedron."""
     inside = True
     for skipped in range(4):
-        a = corner(simplex, (skipped + 1) & 3)
-        normal = cross(
-            minus(corner(simplex, (skipped + 2) & 3), a),
-            minus(corner(simplex, (skipped + 3) & 3), a),
+        a = simplex_corner(simplex, (skipped + 1) & 3)
+        normal = gjk_cross(
+            gjk_minus(simplex_corner(simplex, (skipped + 2) & 3), a),
+            gjk_minus(simplex_corner(simplex, (skipped + 3) & 3), a),
         )
-        to_other = dot(normal, minus(corner(simplex, skipped), a))
-        inside = inside and to_other * -dot(normal, a) > 0.0
+        to_other = gjk_dot(normal, gjk_minus(simplex_corner(simplex, skipped), a))
+        inside = inside and to_other * -gjk_dot(normal, a) > 0.0
     return inside
 
 
-@compiled
-def nearest(simplex: F64, count: Int) -> tuple[Vector, Int]:
+@jit_compiled
+def nearest_in_simplex(simplex: F64, count: Int) -> tuple[Vector, Int]:
     """Return the GJK simplex's point nearest to the origin, and the corners it needs, as bits.
 
     Faces count where the origin projects into them, edges always; the best of all is taken, so
     that slivers do no harm.
     """
-    best, bits = corner(simplex, 0), 1
-    if count == 4 and has_inside(simplex):
+    best, bits = simplex_corner(simplex, 0), 1
+    if count == 4 and simplex_has_origin(simplex):
         return (0.0, 0.0, 0.0), 15
     for i in range(count):
         for j in range(i + 1, count):
-            point, needed = nearest_on_edge(simplex, i, j)
-            if dot(point, point) < dot(best, best):
+            point, needed = nearest_on_simplex_edge(simplex, i, j)
+            if gjk_dot(point, point) < gjk_dot(best, best):
                 best, bits = point, needed
     for skipped in range(4):
         if count < 3 or (count == 3 and skipped < 3):
             continue
         i, j, k = (0 if skipped else 1), (1 if skipped > 1 else 2), (2 if skipped > 2 else 3)
-        a, b, c = corner(simplex, i), corner(simplex, j), corner(simplex, k)
-        if is_above(a, b, c):
-            normal = cross(minus(b, a), minus(c, a))
-            factor = dot(a, normal) / dot(normal, normal)
+        a, b, c = simplex_corner(simplex, i), simplex_corner(simplex, j), simplex_corner(simplex, k)
+        if is_above_triangle(a, b, c):
+            normal = gjk_cross(gjk_minus(b, a), gjk_minus(c, a))
+            factor = gjk_dot(a, normal) / gjk_dot(normal, normal)
             point = (normal[0] * factor, normal[1] * factor, normal[2] * factor)
-            if dot(point, point) < dot(best, best):
+            if gjk_dot(point, point) < gjk_dot(best, best):
                 best, bits = point, (1 << i) | (1 << j) | (1 << k)
     return best, bits
 
 
-@compiled
-def keep(simplex: F64, count: Int, bits: Int) -> Int:
+@jit_compiled
+def keep_simplex_corners(simplex: F64, count: Int, bits: Int) -> Int:
     """Move the simplex corners named by bits to the front; return how many."""
     kept = 0
     for i in range(count):
@@ -135,7 +135,7 @@ def keep(simplex: F64, count: Int, bits: Int) -> Int:
     return kept
 
 
-@compiled
+@jit_compiled
 def convex_distance(body: F64, other: F64) -> tuple[Float, Vector, Float]:
     """Return upper bound, direction and lower bound of two hulls' distance by GJK.
 
@@ -145,28 +145,28 @@ def convex_distance(body: F64, other: F64) -> tuple[Float, Vector, Float]:
     simplex = np.zeros((5, 3))
     for axis in range(3):
         simplex[0, axis] = body[0, axis] - other[0, axis]
-    point, count = corner(simplex, 0), 1
-    upper, lower, direction = np.sqrt(dot(point, point)), 0.0, (0.0, 0.0, 0.0)
+    point, count = simplex_corner(simplex, 0), 1
+    upper, lower, direction = np.sqrt(gjk_dot(point, point)), 0.0, (0.0, 0.0, 0.0)
     for _ in range(_MOST_STEPS):
         if upper <= PRECISION_M or count == 4:
             return 0.0, (0.0, 0.0, 0.0), 0.0
         toward = (point[0] / upper, point[1] / upper, point[2] / upper)
-        mine = corner(body, furthest(body, (-toward[0], -toward[1], -toward[2])))
-        support = minus(mine, corner(other, furthest(other, toward)))
-        bound = dot(support, toward)
+        mine = simplex_corner(body, support_corner(body, (-toward[0], -toward[1], -toward[2])))
+        support = gjk_minus(mine, simplex_corner(other, support_corner(other, toward)))
+        bound = gjk_dot(support, toward)
         if bound > lower:
             lower, direction = bound, toward
         if upper - lower <= PRECISION_M:
             break
         simplex[count, 0], simplex[count, 1], simplex[count, 2] = support
-        point, bits = nearest(simplex, count + 1)
-        count = keep(simplex, count + 1, bits)
-        upper = np.sqrt(dot(point, point))
+        point, bits = nearest_in_simplex(simplex, count + 1)
+        count = keep_simplex_corners(simplex, count + 1, bits)
+        upper = np.sqrt(gjk_dot(point, point))
     return upper, direction, lower
 
 
-@compiled
-def placed(corners: F64, position: Vector, q_wxyz: tuple[Float, Float, Float, Float]) -> F64:
+@jit_compiled
+def hull_at_pose(corners: F64, position: Vector, q_wxyz: tuple[Float, Float, Float, Float]) -> F64:
     """Return the corners of a convex hull moved to a pose (GJK kernel)."""
     w, x, y, z = q_wxyz
     out = np.empty_like(corners)
@@ -179,9 +179,9 @@ def placed(corners: F64, position: Vector, q_wxyz: tuple[Float, Float, Float, Fl
     return out
 
 
-@compiled
-def posed_distance(
+@jit_compiled
+def posed_convex_distance(
     body: F64, position: Vector, q_wxyz: tuple[Float, Float, Float, Float], other: F64
 ) -> tuple[Float, Vector, Float]:
     """Return the GJK `convex_distance` of a body at a pose."""
-    return convex_distance(placed(body, position, q_wxyz), other)
+    return convex_distance(hull_at_pose(body, position, q_wxyz), other)

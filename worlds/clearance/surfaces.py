@@ -9,8 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from wil_campaign.worlds.clearance.gjk import PRECISION_M, Vector, convex_distance, placed
-from wil_campaign.worlds.jit import F64, Float, compiled
+from wil_campaign.worlds.clearance.gjk import PRECISION_M, Vector, convex_distance, hull_at_pose
+from wil_campaign.worlds.jit import F64, Float, jit_compiled
 from wil_campaign.worlds.scene.meshes import FloatArray, IntArray
 
 LEAF = 4
@@ -60,8 +60,8 @@ def _morton_codes(points: FloatArray) -> np.ndarray:
     return codes
 
 
-@compiled
-def box_gap(low: F64, high: F64, box: F64) -> Float:
+@jit_compiled
+def gap_of_boxes(low: F64, high: F64, box: F64) -> Float:
     """Return the distance between two axis-aligned boxes of a triangle tree."""
     total = 0.0
     for axis in range(3):
@@ -70,8 +70,8 @@ def box_gap(low: F64, high: F64, box: F64) -> Float:
     return np.sqrt(total)
 
 
-@compiled
-def extent(corners: F64) -> tuple[F64, F64]:
+@jit_compiled
+def corner_extent(corners: F64) -> tuple[F64, F64]:
     """Return the least and greatest coordinates of corners, for a triangle tree."""
     low, high = corners[0].copy(), corners[0].copy()
     for i in range(1, corners.shape[0]):
@@ -81,17 +81,17 @@ def extent(corners: F64) -> tuple[F64, F64]:
     return low, high
 
 
-@compiled
+@jit_compiled
 def nearest_triangle(corners: F64, tree: TriangleTree, enough_m: Float, limit_m: Float) -> Float:
     """Return a lower bound, to PRECISION_M, of a hull's distance from a surface's triangles.
 
     Triangles farther than limit_m count as that far. Ends as soon as a triangle is nearer than
     enough_m, and returns its distance then.
     """
-    low, high = extent(corners)
+    low, high = corner_extent(corners)
     waiting, distance = np.empty(_DEEPEST, np.int64), np.empty(_DEEPEST)
     leaves, best = tree.boxes.shape[0] // 2, limit_m
-    waiting[0], distance[0], count = 1, box_gap(low, high, tree.boxes[1]), 1
+    waiting[0], distance[0], count = 1, gap_of_boxes(low, high, tree.boxes[1]), 1
     while count and best >= enough_m:
         count -= 1
         node = waiting[count]
@@ -104,8 +104,8 @@ def nearest_triangle(corners: F64, tree: TriangleTree, enough_m: Float, limit_m:
                 best = min(best, at_least)
             continue
         left, right = 2 * node, 2 * node + 1
-        gap_left = box_gap(low, high, tree.boxes[left])
-        gap_right = box_gap(low, high, tree.boxes[right])
+        gap_left = gap_of_boxes(low, high, tree.boxes[left])
+        gap_right = gap_of_boxes(low, high, tree.boxes[right])
         if gap_left < gap_right:
             left, right, gap_left, gap_right = right, left, gap_right, gap_left
         waiting[count], distance[count] = left, gap_left
@@ -114,16 +114,16 @@ def nearest_triangle(corners: F64, tree: TriangleTree, enough_m: Float, limit_m:
     return best
 
 
-@compiled
+@jit_compiled
 def surface_distance(body: F64, position: Vector, q_wxyz: _Quat, tree: TriangleTree) -> Float:
     """Return the distance of a body at a pose to a triangle surface, 0 when it touches."""
-    return nearest_triangle(placed(body, position, q_wxyz), tree, PRECISION_M, np.inf)
+    return nearest_triangle(hull_at_pose(body, position, q_wxyz), tree, PRECISION_M, np.inf)
 
 
-@compiled
-def swept_beyond(
+@jit_compiled
+def is_swept_beyond(
     body: F64, first: tuple[Vector, _Quat], last: tuple[Vector, _Quat], tree: TriangleTree, m: Float
 ) -> bool:
     """Return whether a body's hull over two poses is at least m metres from a surface."""
-    before, after = placed(body, first[0], first[1]), placed(body, last[0], last[1])
+    before, after = hull_at_pose(body, first[0], first[1]), hull_at_pose(body, last[0], last[1])
     return bool(nearest_triangle(np.concatenate((before, after)), tree, m, np.inf) >= m)

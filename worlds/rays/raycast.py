@@ -16,14 +16,14 @@ from wil_campaign.worlds.scene.scene import NO_EVENTS, RigidBody, Scene
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Hits:
+class RaycastHits:
     """The first hits of rays. ranges_m: (n,) float64, inf for none. object_ids: (n,), 0 then."""
 
     ranges_m: FloatArray
     object_ids: NDArray[np.uint8]
 
 
-class RayCaster:
+class SceneRayCaster:
     """Casts rays at one scene; moving objects are hit where they are at the time.
 
     Embree builds its trees once: one for all objects at rest, and one for each moving object.
@@ -42,7 +42,7 @@ class RayCaster:
         directions_ned: FloatArray,
         t_s: float,
         events: Mapping[str, float] = NO_EVENTS,
-    ) -> Hits:
+    ) -> RaycastHits:
         """Return the first hits of rays from one place at a time. directions_ned: (n, 3), unit."""
         count = len(directions_ned)
         ranges_m, object_ids = np.full(count, np.inf), np.zeros(count, np.uint8)
@@ -54,10 +54,10 @@ class RayCaster:
             nearer = hits.ranges_m < ranges_m
             ranges_m[nearer] = hits.ranges_m[nearer]
             object_ids[nearer] = hits.object_ids[nearer]
-        return Hits(ranges_m, object_ids)
+        return RaycastHits(ranges_m, object_ids)
 
 
-class NoRaysError(Exception):
+class RaycastError(Exception):
     """Rays cannot be cast on this machine."""
 
     def __init__(self) -> None:
@@ -75,7 +75,7 @@ class _Group:
             from embreex.mesh_construction import TriangleMesh  # noqa: PLC0415
             from embreex.rtcore_scene import EmbreeScene  # noqa: PLC0415
         except ModuleNotFoundError as error:
-            raise NoRaysError from error
+            raise RaycastError from error
 
         self._scene: Any = EmbreeScene()
         self._ids = np.array([body.scene_object.object_id for body in bodies], np.uint8)
@@ -89,7 +89,7 @@ class _Group:
         # Embree builds the tree at its first ray.
         self._scene.run(np.zeros((1, 3), np.float32), np.eye(1, 3, dtype=np.float32))
 
-    def cast(self, origin_m: FloatArray, directions: FloatArray) -> Hits:
+    def cast(self, origin_m: FloatArray, directions: FloatArray) -> RaycastHits:
         """Return the rays' first hits; origin and directions in this group's frame."""
         rays = np.ascontiguousarray(directions, np.float32)
         origins = np.ascontiguousarray(np.broadcast_to(origin_m, rays.shape), np.float32)
@@ -102,7 +102,7 @@ class _Group:
                 met_corners = corners[face[here]]
                 ranges_m[here] = _plane_ranges(met_corners, origin_m, directions[here])
                 object_ids[here] = self._ids[index]
-        return Hits(ranges_m, object_ids)
+        return RaycastHits(ranges_m, object_ids)
 
 
 def _plane_ranges(corners: FloatArray, origin_m: FloatArray, directions: FloatArray) -> FloatArray:

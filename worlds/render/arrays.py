@@ -16,7 +16,7 @@ U32 = NDArray[np.uint32]
 U8 = NDArray[np.uint8]
 
 
-class Geometry(NamedTuple):
+class GeometryArrays(NamedTuple):
     """The arrays of all triangles of a scene to render, each object in its own frame.
 
     vertices, normals: (n, 3). uv: (n, 2), repeats of the texture, above 0. faces: (m, 3).
@@ -37,7 +37,7 @@ class Geometry(NamedTuple):
     spheres: F64
 
 
-class Looks(NamedTuple):
+class LookArrays(NamedTuple):
     """The colour arrays of a render. bgr: (materials,) packed 0x00rrggbb. texture: -1 for none.
 
     texels: all textures with their mip levels, packed. mip_start: (textures, levels).
@@ -55,7 +55,7 @@ class Looks(NamedTuple):
     background: U32
 
 
-class View(NamedTuple):
+class ViewArrays(NamedTuple):
     """The arrays of one camera view. rotations: (objects, 3, 3), shifts: object to camera.
 
     lights: (objects, 2, 3), the lamp's and the upward direction in each object's frame.
@@ -77,7 +77,7 @@ class View(NamedTuple):
     height: int
 
 
-class Triangles(NamedTuple):
+class TriangleArrays(NamedTuple):
     """The arrays of triangles that may show, ready to be rendered.
 
     corners: (n, 6), x and y of three corners, 1/256 pixel. bounds: (n, 4), first and last column,
@@ -92,7 +92,7 @@ class Triangles(NamedTuple):
     face: I32
 
 
-class Shades(NamedTuple):
+class ShadeArrays(NamedTuple):
     """The arrays of visible faces' shading; computed when a face is first needed.
 
     state: (m,), 0 unknown, else how to paint. shade: (m,), 0 to 256. planes: (m, 9), of shade,
@@ -104,7 +104,7 @@ class Shades(NamedTuple):
     planes: F64
 
 
-class Buffer(NamedTuple):
+class VisibilityBuffer(NamedTuple):
     """The arrays of the visibility buffer: 1/z and triangle (-1 for none) of each pixel."""
 
     inverse_depth: F32
@@ -112,7 +112,7 @@ class Buffer(NamedTuple):
     width: int
 
 
-class Scratch(NamedTuple):
+class ScratchArrays(NamedTuple):
     """The working arrays of one frame. camera: (n, 3) vertices, screen: (n, 2) their pixels.
 
     colors: (pixels,), packed.
@@ -120,7 +120,7 @@ class Scratch(NamedTuple):
 
     camera: F64
     screen: F64
-    triangles: Triangles
-    shades: Shades
-    buffer: Buffer
+    triangles: TriangleArrays
+    shades: ShadeArrays
+    buffer: VisibilityBuffer
     colors: U32

@@ -2,16 +2,16 @@
 
 import numpy as np
 
-from wil_campaign.worlds.jit import F64, Float, Int, compiled, inlined
-from wil_campaign.worlds.render.arrays import View
+from wil_campaign.worlds.jit import F64, Float, Int, jit_compiled, jit_inlined
+from wil_campaign.worlds.render.arrays import ViewArrays
 
 NEAR_M = 0.05
 """Nearer than this to the image plane nothing is drawn."""
 Numbers = tuple[Float, ...]
 
 
-@inlined
-def show(view: View, spheres: F64, k: Int) -> None:
+@jit_inlined
+def write_object_visibility(view: ViewArrays, spheres: F64, k: Int) -> None:
     """Write whether object k may be in view, and whether its backs are hidden.
 
     They are where it is closed, as one_sided says before, and surely does not contain the camera.
@@ -36,9 +36,14 @@ def show(view: View, spheres: F64, k: Int) -> None:
         view.one_sided[k] = 0
 
 
-@compiled
-def place(
-    q_wxyz: Numbers, at_ned_m: Numbers, rotations: F64, positions_m: F64, spheres: F64, view: View
+@jit_compiled
+def place_objects(
+    q_wxyz: Numbers,
+    at_ned_m: Numbers,
+    rotations: F64,
+    positions_m: F64,
+    spheres: F64,
+    view: ViewArrays,
 ) -> None:
     """Write the arrays of a camera's view; one_sided holds 1 for what is closed, and stays or is 0.
 
@@ -67,4 +72,4 @@ def place(
             # Towards the lamp, and upwards.
             view.lights[k, 0, i] = -0.5 * a + 0.3 * b - 0.81 * c
             view.lights[k, 1, i] = -c
-        show(view, spheres, k)
+        write_object_visibility(view, spheres, k)

@@ -10,15 +10,15 @@ Camera coordinates are optical: x right, y down, z forward, metres. Pixel centre
 
 import numpy as np
 
-from wil_campaign.worlds.jit import F64, Float, Int, compiled, inlined
+from wil_campaign.worlds.jit import F64, Float, Int, jit_compiled, jit_inlined
 from wil_campaign.worlds.render.arrays import (
     F32,
     I32,
-    Buffer,
-    Geometry,
-    Scratch,
-    Triangles,
-    View,
+    GeometryArrays,
+    ScratchArrays,
+    TriangleArrays,
+    ViewArrays,
+    VisibilityBuffer,
 )
 from wil_campaign.worlds.render.placing import NEAR_M
 
@@ -34,8 +34,10 @@ GUARD_PX = 1_000_000.0
 """How far outside of the image a triangle may reach: products then fit into 64 bits."""
 
 
-@inlined
-def project(geometry: Geometry, view: View, k: Int, camera: F64, screen: F64) -> None:
+@jit_inlined
+def project_vertices(
+    geometry: GeometryArrays, view: ViewArrays, k: Int, camera: F64, screen: F64
+) -> None:
     """Write camera coordinates and pixels of object k's vertices for rasterisation."""
     m, shift, vertices = view.rotations, view.shifts, geometry.vertices
     fx, fy, cx, cy = view.fx, view.fy, view.cx, view.cy
@@ -50,8 +52,8 @@ def project(geometry: Geometry, view: View, k: Int, camera: F64, screen: F64) ->
             screen[i, 1] = fy * y / z + cy
 
 
-@compiled
-def clip(polygon: F64, count: Int, plane: F64, out: F64) -> Int:
+@jit_compiled
+def clip_polygon(polygon: F64, count: Int, plane: F64, out: F64) -> Int:
     """Clip a polygon to plane . (x, y, z, 1) >= 0 before rasterisation; return its corners."""
     kept = 0
     for i in range(count):
@@ -71,8 +73,8 @@ def clip(polygon: F64, count: Int, plane: F64, out: F64) -> Int:
     return kept
 
 
-@inlined
-def clipped(camera: F64, abc: Corners, lens: Lens, work: F64) -> Int:
+@jit_inlined
+def clip_triangle(camera: F64, abc: Corners, lens: Lens, work: F64) -> Int:
     """Write pixels of a triangle clipped to near plane and guard band.
 
     work: (3, 10, 3); the pixels come to work[2]. Returns the number of corners, 0 for none.
@@ -84,7 +86,7 @@ def clipped(camera: F64, abc: Corners, lens: Lens, work: F64) -> Int:
             polygon[i, axis] = camera[abc[i], axis]
     plane = np.empty(4)
     plane[0], plane[1], plane[2], plane[3] = 0.0, 0.0, 1.0, -NEAR_M
-    count = clip(polygon, 3, plane, other)
+    count = clip_polygon(polygon, 3, plane, other)
     for axis in range(2):
         for sign in (-1.0, 1.0):
             if count < 3:
@@ -92,7 +94,7 @@ def clipped(camera: F64, abc: Corners, lens: Lens, work: F64) -> Int:
             polygon, other = other, polygon
             plane[0], plane[1], plane[2], plane[3] = 0.0, 0.0, 0.9 * GUARD_PX, 0.0
             plane[axis] = sign * (fx if axis == 0 else fy)
-            count = clip(polygon, count, plane, other)
+            count = clip_polygon(polygon, count, plane, other)
     for i in range(count):
         z = max(other[i, 2], NEAR_M)
         work[2, i, 0] = fx * other[i, 0] / z + cx
@@ -100,7 +102,7 @@ def clipped(camera: F64, abc: Corners, lens: Lens, work: F64) -> Int:
     return count if count >= 3 else 0
 
 
-@inlined
+@jit_inlined
 def depth_plane(camera: F64, abc: Corners, lens: Lens) -> tuple[Float, Float, Float]:
     """Return the plane of 1/z over pixels (at the origin, per column, per row); 0s edge-on."""
     fx, fy, cx, cy = lens
@@ -116,8 +118,8 @@ def depth_plane(camera: F64, abc: Corners, lens: Lens) -> tuple[Float, Float, Fl
     return nz / distance - per_column * cx - per_row * cy, per_column, per_row
 
 
-@compiled
-def store(
+@jit_compiled
+def store_triangle(
     corners: I32, bounds: I32, n: Int, pixels: Triangle, size: tuple[Int, Int], one_sided: bool
 ) -> bool:
     """Store corners and bounds of the n-th triangle; False when it covers no pixel centre.
@@ -142,8 +144,10 @@ def store(
     return True
 
 
-@inlined
-def finish(triangles: Triangles, n: Int, f: Int, camera: F64, abc: Corners, lens: Lens) -> Int:
+@jit_inlined
+def finish_triangle(
+    triangles: TriangleArrays, n: Int, f: Int, camera: F64, abc: Corners, lens: Lens
+) -> Int:
     """Store depth and face of the n-th triangle for coverage; return the next free index."""
     at_origin, per_column, per_row = depth_plane(camera, abc, lens)
     if at_origin == 0.0 and per_column == 0.0 and per_row == 0.0:
@@ -159,8 +163,8 @@ def finish(triangles: Triangles, n: Int, f: Int, camera: F64, abc: Corners, lens
     return n + 1
 
 
-@compiled
-def is_plain(camera: F64, screen: F64, abc: Corners) -> bool:
+@jit_compiled
+def is_unclipped(camera: F64, screen: F64, abc: Corners) -> bool:
     """Return whether a triangle needs no clipping."""
     a, b, c = abc
     return bool(
@@ -172,12 +176,12 @@ def is_plain(camera: F64, screen: F64, abc: Corners) -> bool:
     )
 
 
-@inlined
+@jit_inlined
 def gather_face(
     face: tuple[Int, bool, Corners],
     vertices: tuple[F64, F64],
-    view: View,
-    triangles: Triangles,
+    view: ViewArrays,
+    triangles: TriangleArrays,
     n: Int,
     work: F64,
 ) -> Int:
@@ -186,11 +190,11 @@ def gather_face(
     f, one_sided, abc = face
     lens, size = (view.fx, view.fy, view.cx, view.cy), (view.width, view.height)
     count = 3
-    if is_plain(camera, screen, abc):
+    if is_unclipped(camera, screen, abc):
         for i in range(3):
             work[2, i, 0], work[2, i, 1] = screen[abc[i], 0], screen[abc[i], 1]
     else:
-        count = clipped(camera, abc, lens, work)
+        count = clip_triangle(camera, abc, lens, work)
     for i in range(2, count):
         pixels = (
             work[2, 0, 0],
@@ -200,13 +204,13 @@ def gather_face(
             work[2, i, 0],
             work[2, i, 1],
         )
-        if store(triangles.corners, triangles.bounds, n, pixels, size, one_sided):
-            n = finish(triangles, n, f, camera, abc, lens)
+        if store_triangle(triangles.corners, triangles.bounds, n, pixels, size, one_sided):
+            n = finish_triangle(triangles, n, f, camera, abc, lens)
     return n
 
 
-@compiled
-def gather(geometry: Geometry, view: View, scratch: Scratch) -> Int:
+@jit_compiled
+def gather_triangles(geometry: GeometryArrays, view: ViewArrays, scratch: ScratchArrays) -> Int:
     """Store every triangle that may cover pixels; return the count, or -1 when out of room."""
     n, work, faces = np.int64(0), np.empty((3, 10, 3)), geometry.faces
     vertices = (scratch.camera, scratch.screen)
@@ -214,7 +218,7 @@ def gather(geometry: Geometry, view: View, scratch: Scratch) -> Int:
     for k in range(geometry.face_range.shape[0]):
         if view.shown[k] == 0:
             continue
-        project(geometry, view, k, scratch.camera, scratch.screen)
+        project_vertices(geometry, view, k, scratch.camera, scratch.screen)
         for f in range(geometry.face_range[k, 0], geometry.face_range[k, 1]):
             if n > room:
                 return np.int64(-1)
@@ -225,7 +229,7 @@ def gather(geometry: Geometry, view: View, scratch: Scratch) -> Int:
     return n
 
 
-@compiled
+@jit_compiled
 def floor_divide(a: Int, b: Int, inverse: Float) -> Int:
     """Return a / b rounded down, b > 0, from an approximate 1 / b; exact for pixel spans."""
     quotient = np.int64(np.floor(a * inverse))
@@ -237,8 +241,8 @@ def floor_divide(a: Int, b: Int, inverse: Float) -> Int:
     return quotient
 
 
-@compiled
-def narrow(left: Int, right: Int, value: Int, drop: Int, inverse: Float) -> tuple[Int, Int]:
+@jit_compiled
+def narrow_span(left: Int, right: Int, value: Int, drop: Int, inverse: Float) -> tuple[Int, Int]:
     """Return the columns of a pixel span inside an edge; value: E at column 0, E falls by drop."""
     if drop > 0:
         return left, min(right, floor_divide(value, drop, inverse))
@@ -247,8 +251,10 @@ def narrow(left: Int, right: Int, value: Int, drop: Int, inverse: Float) -> tupl
     return left, right if value >= 0 else -1
 
 
-@compiled
-def edge(corners: I32, t: Int, from_corner: Int, to_corner: Int) -> tuple[Int, Int, Int, Float]:
+@jit_compiled
+def edge_function(
+    corners: I32, t: Int, from_corner: Int, to_corner: Int
+) -> tuple[Int, Int, Int, Float]:
     """Return the edge function of triangle t: E at the origin, rise per row, drop per column.
 
     From (xa, ya) to (xb, yb), E = (xb - xa)(y - ya) - (yb - ya)(x - xa) is at least 0 inside;
@@ -263,22 +269,22 @@ def edge(corners: I32, t: Int, from_corner: Int, to_corner: Int) -> tuple[Int, I
     return value, run * SUB, drop * SUB, inverse
 
 
-@compiled
-def cover(
-    corners: I32, bounds: I32, planes: F64, depth_range: F32, count: Int, buffer: Buffer
+@jit_compiled
+def rasterize_triangles(
+    corners: I32, bounds: I32, planes: F64, depth_range: F32, count: Int, buffer: VisibilityBuffer
 ) -> None:
     """Rasterise all triangles: each wins the pixels of the buffer where it is nearest."""
     inverse_depth, owner, width = buffer
     for t in range(count):
         low, high = np.int64(bounds[t, 0]), np.int64(bounds[t, 1])
-        value_a, rise_a, drop_a, inverse_a = edge(corners, t, 0, 1)
-        value_b, rise_b, drop_b, inverse_b = edge(corners, t, 1, 2)
-        value_c, rise_c, drop_c, inverse_c = edge(corners, t, 2, 0)
+        value_a, rise_a, drop_a, inverse_a = edge_function(corners, t, 0, 1)
+        value_b, rise_b, drop_b, inverse_b = edge_function(corners, t, 1, 2)
+        value_c, rise_c, drop_c, inverse_c = edge_function(corners, t, 2, 0)
         step, least, most = planes[t, 1], depth_range[t, 0], depth_range[t, 1]
         for y in range(bounds[t, 2], bounds[t, 3] + 1):
-            left, right = narrow(low, high, value_a + rise_a * y, drop_a, inverse_a)
-            left, right = narrow(left, right, value_b + rise_b * y, drop_b, inverse_b)
-            left, right = narrow(left, right, value_c + rise_c * y, drop_c, inverse_c)
+            left, right = narrow_span(low, high, value_a + rise_a * y, drop_a, inverse_a)
+            left, right = narrow_span(left, right, value_b + rise_b * y, drop_b, inverse_b)
+            left, right = narrow_span(left, right, value_c + rise_c * y, drop_c, inverse_c)
             w = planes[t, 0] + planes[t, 2] * y + step * left
             # Unsigned places: Numba then leaves out what negative indices would mean.
             start = np.uint64(y * width + left)

@@ -17,17 +17,23 @@ from wil_campaign.worlds.frames import Pose, matrix_from_quat
 from wil_campaign.worlds.jit import F64
 from wil_campaign.worlds.render.arrays import (
     U32,
-    Buffer,
-    Geometry,
-    Looks,
-    Scratch,
-    Shades,
-    Triangles,
-    View,
+    GeometryArrays,
+    LookArrays,
+    ScratchArrays,
+    ShadeArrays,
+    TriangleArrays,
+    ViewArrays,
+    VisibilityBuffer,
 )
-from wil_campaign.worlds.render.placing import place
-from wil_campaign.worlds.render.rasterizer import cover, gather
-from wil_campaign.worlds.render.shading import clear, shade, write_depth, write_ids, write_image
+from wil_campaign.worlds.render.placing import place_objects
+from wil_campaign.worlds.render.rasterizer import gather_triangles, rasterize_triangles
+from wil_campaign.worlds.render.shading import (
+    clear_shading,
+    shade_pixels,
+    write_depth,
+    write_ids,
+    write_image,
+)
 from wil_campaign.worlds.scene.meshes import BgrTexture, Material, Mesh
 from wil_campaign.worlds.scene.scene import NO_EVENTS, Scene
 
@@ -36,7 +42,7 @@ _SKY_HIGH, _SKY_LOW = (222, 176, 128), (238, 226, 212)
 _GROUND_FAR, _GROUND_NEAR = (168, 176, 172), (96, 108, 104)
 
 
-def pack_geometry(scene: Scene) -> Geometry:
+def pack_geometry(scene: Scene) -> GeometryArrays:
     """Pack all triangles of a scene into render arrays, each rigid body in its own frame."""
     bodies = scene.bodies
     shapes = [body.shape.mesh for body in bodies]
@@ -45,7 +51,7 @@ def pack_geometry(scene: Scene) -> Geometry:
     material_range = _ranges([len(mesh.materials) for mesh in shapes])
     objects = range(len(shapes))
     ids = np.array([body.scene_object.object_id for body in bodies], np.uint8)
-    return Geometry(
+    return GeometryArrays(
         vertices=_stack([mesh.vertices_m for mesh in shapes], 3, np.float64),
         normals=_stack([mesh.normals for mesh in shapes], 3, np.float64),
         uv=_stack([_above_zero(mesh.uv) for mesh in shapes], 2, np.float64),
@@ -68,7 +74,7 @@ def bounding_sphere(mesh: Mesh) -> F64:
     return np.append(middle, radius)
 
 
-def pack_looks(scene: Scene) -> Looks:
+def pack_looks(scene: Scene) -> LookArrays:
     """Pack colours and textures of a scene into render arrays; equal textures once."""
     materials = [material for body in scene.bodies for material in body.shape.mesh.materials]
     levels: list[list[U32]] = []
@@ -85,7 +91,9 @@ def pack_looks(scene: Scene) -> Looks:
     return _looks(materials, texture, levels)
 
 
-def _looks(materials: Sequence[Material], texture: np.ndarray, levels: list[list[U32]]) -> Looks:
+def _looks(
+    materials: Sequence[Material], texture: np.ndarray, levels: list[list[U32]]
+) -> LookArrays:
     """Pack materials, their textures and mip levels into the render's colour arrays."""
     most = max((len(chain) for chain in levels), default=1)
     mip_start = np.zeros((max(1, len(levels)), most), np.int32)
@@ -95,7 +103,7 @@ def _looks(materials: Sequence[Material], texture: np.ndarray, levels: list[list
             mip_start[index, level] = at
             at += texels.size
     flat = [texels.ravel() for chain in levels for texels in chain]
-    return Looks(
+    return LookArrays(
         bgr=np.array([_pack(m.rgb[::-1]) for m in materials], np.uint32),
         texture=texture,
         texels=np.concatenate(flat) if flat else np.zeros(1, np.uint32),
@@ -186,8 +194,8 @@ class Renderer:
 
     def __init__(self, scene: Scene) -> None:
         self._bodies = scene.bodies
-        self._geometry: Geometry = pack_geometry(scene)
-        self._looks: Looks = pack_looks(scene)
+        self._geometry: GeometryArrays = pack_geometry(scene)
+        self._looks: LookArrays = pack_looks(scene)
         self._local = threading.local()
         poses = [body.scene_object.pose for body in self._bodies]
         self._closed = np.array([body.shape.mesh.closed for body in self._bodies], np.uint8)
@@ -234,14 +242,14 @@ class Renderer:
             write_ids(owner, face, self._geometry.face_id, ids.reshape(-1))
         return RenderOutput(image, depth, ids, moving)
 
-    def _draw(self, view: View, scratch: Scratch) -> Scratch | None:
+    def _draw(self, view: ViewArrays, scratch: ScratchArrays) -> ScratchArrays | None:
         """Return the scratch with a frame rendered in it; None when it has too little room."""
-        count = gather(self._geometry, view, scratch)
+        count = gather_triangles(self._geometry, view, scratch)
         if count < 0:
             return None
         triangles, buffer = scratch.triangles, scratch.buffer
-        clear(buffer.inverse_depth, buffer.triangle, scratch.shades.state)
-        cover(
+        clear_shading(buffer.inverse_depth, buffer.triangle, scratch.shades.state)
+        rasterize_triangles(
             triangles.corners,
             triangles.bounds,
             triangles.planes,
@@ -249,7 +257,7 @@ class Renderer:
             count,
             buffer,
         )
-        shade(self._geometry, self._looks, view, scratch)
+        shade_pixels(self._geometry, self._looks, view, scratch)
         return scratch
 
     def _view(
@@ -258,9 +266,9 @@ class Renderer:
         intrinsics: Intrinsics,
         moving: tuple[Pose, ...],
         only: frozenset[str] | None,
-    ) -> View:
+    ) -> ViewArrays:
         rotations_ned, positions_ned_m = self._places(moving)
-        view = View(
+        view = ViewArrays(
             **self._view_arrays(),
             fx=float(intrinsics.fx_px),
             fy=float(intrinsics.fy_px),
@@ -273,7 +281,9 @@ class Renderer:
         # Floats: of other numbers Numba would make another kernel.
         q_wxyz = tuple(map(float, camera_pose.q_wxyz))
         at_ned_m = tuple(map(float, camera_pose.position_ned_m))
-        place(q_wxyz, at_ned_m, rotations_ned, positions_ned_m, self._geometry.spheres, view)
+        place_objects(
+            q_wxyz, at_ned_m, rotations_ned, positions_ned_m, self._geometry.spheres, view
+        )
         if only is not None:
             names = [body.scene_object.name for body in self._bodies]
             view.shown[[name not in only for name in names]] = 0
@@ -307,7 +317,7 @@ class Renderer:
             positions_m[k] = pose.position_ned_m
         return rotations, positions_m
 
-    def _scratch(self, width: int, height: int) -> Scratch:
+    def _scratch(self, width: int, height: int) -> ScratchArrays:
         """Return this thread's render work space, made anew for another image size."""
         local = self._local
         if not hasattr(local, "triangles"):
@@ -316,27 +326,27 @@ class Renderer:
         if getattr(local, "key", None) != key:
             local.key = key
             local.scratch = self._new_scratch(width, height, local.triangles)
-        scratch: Scratch = local.scratch
+        scratch: ScratchArrays = local.scratch
         return scratch
 
-    def _new_scratch(self, width: int, height: int, triangles: int) -> Scratch:
+    def _new_scratch(self, width: int, height: int, triangles: int) -> ScratchArrays:
         vertices, faces = len(self._geometry.vertices), len(self._geometry.faces)
-        return Scratch(
+        return ScratchArrays(
             camera=np.empty((vertices, 3)),
             screen=np.empty((vertices, 2)),
-            triangles=Triangles(
+            triangles=TriangleArrays(
                 corners=np.empty((triangles, 6), np.int32),
                 bounds=np.empty((triangles, 4), np.int32),
                 planes=np.empty((triangles, 3)),
                 depth_range=np.empty((triangles, 2), np.float32),
                 face=np.empty(triangles, np.int32),
             ),
-            shades=Shades(
+            shades=ShadeArrays(
                 state=np.empty(faces, np.uint8),
                 shade=np.empty(faces, np.int32),
                 planes=np.empty((faces, 9)),
             ),
-            buffer=Buffer(
+            buffer=VisibilityBuffer(
                 inverse_depth=np.empty(height * width, np.float32),
                 triangle=np.empty(height * width, np.int32),
                 width=width,

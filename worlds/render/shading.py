@@ -9,17 +9,17 @@ Indices are unsigned where it counts: Numba then leaves out what negative indice
 
 import numpy as np
 
-from wil_campaign.worlds.jit import F64, Float, Int, compiled, inlined
+from wil_campaign.worlds.jit import F64, Float, Int, jit_compiled, jit_inlined
 from wil_campaign.worlds.render.arrays import (
     F32,
     I32,
     U8,
     U32,
-    Geometry,
-    Looks,
-    Scratch,
-    Shades,
-    View,
+    GeometryArrays,
+    LookArrays,
+    ScratchArrays,
+    ShadeArrays,
+    ViewArrays,
 )
 
 AMBIENT, LAMP, SKY = 0.62, 0.34, 0.08
@@ -34,8 +34,8 @@ Run = tuple[Int, Int, Int]
 """Row, first column, number of pixels."""
 
 
-@compiled
-def vertex_shade(geometry: Geometry, view: View, k: Int, v: Int, side: Float) -> Float:
+@jit_compiled
+def shade_vertex(geometry: GeometryArrays, view: ViewArrays, k: Int, v: Int, side: Float) -> Float:
     """Return the shaded brightness of a vertex of object k, 0 to 256; side: -1 for a back."""
     n, light = geometry.normals, view.lights
     lamp = n[v, 0] * light[k, 0, 0] + n[v, 1] * light[k, 0, 1] + n[v, 2] * light[k, 0, 2]
@@ -43,9 +43,14 @@ def vertex_shade(geometry: Geometry, view: View, k: Int, v: Int, side: Float) ->
     return 256.0 * min(1.0, AMBIENT + LAMP * max(0.0, side * lamp) + SKY * side * up)
 
 
-@inlined
+@jit_inlined
 def prepare_face(
-    geometry: Geometry, looks: Looks, view: View, camera: F64, shades: Shades, f: Int
+    geometry: GeometryArrays,
+    looks: LookArrays,
+    view: ViewArrays,
+    camera: F64,
+    shades: ShadeArrays,
+    f: Int,
 ) -> None:
     """Compute a face's shading: brightness, and planes of shade, u and v over z."""
     a, b, c = geometry.faces[f, 0], geometry.faces[f, 1], geometry.faces[f, 2]
@@ -57,9 +62,9 @@ def prepare_face(
     pq = (py * qz - pz * qy, pz * qx - px * qz, px * qy - py * qx)
     volume = px * qr[0] + py * qr[1] + pz * qr[2]
     side, k = (1.0 if volume < 0.0 else -1.0), geometry.face_object[f]
-    sa = vertex_shade(geometry, view, k, a, side)
-    sb = vertex_shade(geometry, view, k, b, side)
-    sc = vertex_shade(geometry, view, k, c, side)
+    sa = shade_vertex(geometry, view, k, a, side)
+    sb = shade_vertex(geometry, view, k, b, side)
+    sc = shade_vertex(geometry, view, k, c, side)
     flat = max(abs(sa - sb), abs(sa - sc), abs(sb - sc)) < _SMOOTH_FROM
     textured = looks.texture[geometry.face_material[f]] >= 0
     shades.shade[f] = np.int32((sa + sb + sc) / 3.0 + 0.5)
@@ -78,23 +83,23 @@ def prepare_face(
         shades.planes[f, 3 * i + 2] = y
 
 
-@compiled
-def dimmed(color: Int, shade: Int) -> Int:
+@jit_compiled
+def dimmed_color(color: Int, shade: Int) -> Int:
     """Return a packed colour at a brightness of shade / 256."""
     red_blue = (np.uint32(color & 0xFF00FF) * np.uint32(shade)) >> 8
     green = np.uint32((color >> 8) & 0xFF) * np.uint32(shade)
     return np.uint32((red_blue & 0xFF00FF) | (green & 0xFF00))
 
 
-@inlined
-def paint_plain(color: Int, start: Int, count: Int, colors: U32) -> None:
+@jit_inlined
+def shade_plain_run(color: Int, start: Int, count: Int, colors: U32) -> None:
     """Shade a run of pixels in one colour."""
     for i in range(count):
         colors[np.uint64(start) + np.uint64(i)] = color
 
 
-@inlined
-def paint_background(background: U32, view: View, run: Run, start: Int, colors: U32) -> None:
+@jit_inlined
+def shade_background(background: U32, view: ViewArrays, run: Run, start: Int, colors: U32) -> None:
     """Shade background pixels by elevation: sky and ground."""
     row, left, count = run
     up = view.up
@@ -105,15 +110,15 @@ def paint_background(background: U32, view: View, run: Run, start: Int, colors: 
         colors[np.uint64(start) + np.uint64(i)] = background[np.uint64(np.int32(place))]
 
 
-@compiled
-def along(planes: F64, f: Int, which: Int, run: Run) -> tuple[Float, Float]:
+@jit_compiled
+def shading_plane_along(planes: F64, f: Int, which: Int, run: Run) -> tuple[Float, Float]:
     """Return one of a face's shading planes at the start of a run, and its change per column."""
     at = planes[f, which] + planes[f, which + 1] * run[1] + planes[f, which + 2] * run[0]
     return np.float32(at), np.float32(planes[f, which + 1])
 
 
-@inlined
-def paint_smooth(
+@jit_inlined
+def shade_smooth_run(
     color: Int, plane: tuple[Float, Float], start: Int, count: Int, inverse_depth: F32, colors: U32
 ) -> None:
     """Shade a run in one colour of varying brightness; plane: shade over z, per column."""
@@ -122,11 +127,11 @@ def paint_smooth(
         at = np.uint64(start) + np.uint64(i)
         shade = (first + step * np.float32(i)) / inverse_depth[at]
         shade = min(max(shade, np.float32(0.0)), np.float32(256.0))
-        colors[at] = dimmed(color, np.int32(shade))
+        colors[at] = dimmed_color(color, np.int32(shade))
 
 
-@inlined
-def dim_smoothly(
+@jit_inlined
+def dim_texels(
     plane: tuple[Float, Float], start: Int, count: Int, inverse_depth: F32, colors: U32
 ) -> None:
     """Dim shaded texels of a run by a varying brightness."""
@@ -135,12 +140,18 @@ def dim_smoothly(
         at = np.uint64(start) + np.uint64(i)
         shade = (first + step * np.float32(i)) / inverse_depth[at]
         shade = min(max(shade, np.float32(0.0)), np.float32(256.0))
-        colors[at] = dimmed(colors[at], np.int32(shade))
+        colors[at] = dimmed_color(colors[at], np.int32(shade))
 
 
-@inlined
-def mip_level(
-    looks: Looks, texture: Int, planes: F64, depth: tuple[Float, Float], f: Int, run: Run, z: Float
+@jit_inlined
+def shading_mip_level(
+    looks: LookArrays,
+    texture: Int,
+    planes: F64,
+    depth: tuple[Float, Float],
+    f: Int,
+    run: Run,
+    z: Float,
 ) -> Int:
     """Return the mip level whose texels are about as large as the pixel at a run's start.
 
@@ -159,8 +170,8 @@ def mip_level(
     return level
 
 
-@inlined
-def paint_texels(
+@jit_inlined
+def write_texels(
     texels: U32,
     size: tuple[Int, Int],
     planes: tuple[Float, Float, Float, Float],
@@ -185,9 +196,15 @@ def paint_texels(
         colors[at] = texels[np.uint64(first) + np.uint64((row << size[0]) + column)]
 
 
-@inlined
-def paint_textured(
-    looks: Looks, texture: Int, shades: Shades, f: Int, scratch: Scratch, t: Int, run: Run
+@jit_inlined
+def shade_textured_run(
+    looks: LookArrays,
+    texture: Int,
+    shades: ShadeArrays,
+    f: Int,
+    scratch: ScratchArrays,
+    t: Int,
+    run: Run,
 ) -> None:
     """Shade a textured run in pieces, each from the mip level that fits its middle."""
     row, left, total = run
@@ -199,25 +216,29 @@ def paint_textured(
         middle = offset + (count >> 1)
         z = 1.0 / float(inverse_depth[begin + middle])
         here = (row, left + middle, 1)
-        level = mip_level(looks, texture, shades.planes, depth, f, here, z)
+        level = shading_mip_level(looks, texture, shades.planes, depth, f, here, z)
         wide = max(0, looks.log2_width[texture] - level)
         high = max(0, looks.log2_height[texture] - level)
-        u, u_step = along(shades.planes, f, 3, (row, left + offset, count))
-        v, v_step = along(shades.planes, f, 6, (row, left + offset, count))
+        u, u_step = shading_plane_along(shades.planes, f, 3, (row, left + offset, count))
+        v, v_step = shading_plane_along(shades.planes, f, 6, (row, left + offset, count))
         piece = (looks.mip_start[texture, level], begin + offset, count)
         planes = (u, u_step, v, v_step)
-        paint_texels(looks.texels, (wide, high), planes, piece, inverse_depth, colors)
+        write_texels(looks.texels, (wide, high), planes, piece, inverse_depth, colors)
     if shades.state[f] == _TEXTURED:
         shade = shades.shade[f]
         for i in range(total):
             at = np.uint64(begin) + np.uint64(i)
-            colors[at] = dimmed(colors[at], shade)
+            colors[at] = dimmed_color(colors[at], shade)
     else:
-        dim_smoothly(along(shades.planes, f, 0, run), begin, total, inverse_depth, colors)
+        dim_texels(
+            shading_plane_along(shades.planes, f, 0, run), begin, total, inverse_depth, colors
+        )
 
 
-@compiled
-def shade(geometry: Geometry, looks: Looks, view: View, scratch: Scratch) -> None:
+@jit_compiled
+def shade_pixels(
+    geometry: GeometryArrays, looks: LookArrays, view: ViewArrays, scratch: ScratchArrays
+) -> None:
     """Shade every pixel, run by run; faces are prepared when they first show."""
     owner, inverse_depth, width = (
         scratch.buffer.triangle,
@@ -236,7 +257,7 @@ def shade(geometry: Geometry, looks: Looks, view: View, scratch: Scratch) -> Non
                 end += 1
             run = (y, start - y * width, end - start)
             if t < 0:
-                paint_background(background, view, run, start, colors)
+                shade_background(background, view, run, start, colors)
                 start = end
                 continue
             f = triangle_face[t]
@@ -244,17 +265,17 @@ def shade(geometry: Geometry, looks: Looks, view: View, scratch: Scratch) -> Non
                 prepare_face(geometry, looks, view, scratch.camera, shades, f)
             material = material_of[f]
             if state[f] == _PLAIN:
-                color = dimmed(bgr[material], brightness[f])
-                paint_plain(color, start, end - start, colors)
+                color = dimmed_color(bgr[material], brightness[f])
+                shade_plain_run(color, start, end - start, colors)
             elif state[f] == _SMOOTH:
-                plane = along(planes, f, 0, run)
-                paint_smooth(bgr[material], plane, start, end - start, inverse_depth, colors)
+                plane = shading_plane_along(planes, f, 0, run)
+                shade_smooth_run(bgr[material], plane, start, end - start, inverse_depth, colors)
             else:
-                paint_textured(looks, looks.texture[material], shades, f, scratch, t, run)
+                shade_textured_run(looks, looks.texture[material], shades, f, scratch, t, run)
             start = end
 
 
-@compiled
+@jit_compiled
 def write_image(colors: U32, image: U8) -> None:
     """Write shaded packed colours as blue, green, red; image: flat."""
     for i in range(colors.shape[0]):
@@ -265,14 +286,14 @@ def write_image(colors: U32, image: U8) -> None:
         image[at + np.uint64(2)] = np.uint8((color >> 16) & 0xFF)
 
 
-@compiled
+@jit_compiled
 def write_depth(inverse_depth: F32, depth: F32) -> None:
     """Write the depth of shaded pixels, flat; infinite where 1/z is 0 (nothing)."""
     for i in range(depth.shape[0]):
         depth[i] = np.float32(1.0) / inverse_depth[i]
 
 
-@compiled
+@jit_compiled
 def write_ids(owner: I32, face: I32, face_id: U8, ids: U8) -> None:
     """Write object ids of shaded pixels; flat. face: of each triangle, face_id: of each face."""
     for i in range(ids.shape[0]):
@@ -280,8 +301,8 @@ def write_ids(owner: I32, face: I32, face_id: U8, ids: U8) -> None:
         ids[i] = face_id[np.uint64(face[np.uint64(t)])] if t >= 0 else np.uint8(0)
 
 
-@compiled
-def clear(inverse_depth: F32, owner: I32, state: U8) -> None:
+@jit_compiled
+def clear_shading(inverse_depth: F32, owner: I32, state: U8) -> None:
     """Clear the last frame before shading."""
     for i in range(owner.shape[0]):
         inverse_depth[i] = np.float32(0.0)

@@ -13,7 +13,7 @@ import math
 from typing import Literal, get_args
 
 from wil_campaign.worlds.frames import AT_ORIGIN, Pose, quat_from_euler, rotate
-from wil_campaign.worlds.scene.motion import Stride, Travel
+from wil_campaign.worlds.scene.motion import LegStride, MotionTravel
 
 Joint = Literal[
     "trunk",
@@ -64,7 +64,7 @@ def step_m(speed_m_s: float) -> float:
     return min(math.sqrt(_WALK_RATIO_M_MIN * 60.0 * speed_m_s), _LONGEST_STEP_M)
 
 
-def limb_pose(joint: Joint, stride: Stride | None) -> Pose:
+def limb_pose(joint: Joint, stride: LegStride | None) -> Pose:
     """Return the pose of a limb relative to that of a standing person; stride None: standing."""
     if stride is None or stride.length_m <= 0.0:
         return AT_ORIGIN
@@ -92,10 +92,12 @@ def limb_pose(joint: Joint, stride: Stride | None) -> Pose:
     return Pose((forward, right, min(0.0, down + ANKLE_M)))
 
 
-def limb_travel(joint: Joint, walked: Travel) -> Travel:
+def limb_travel(joint: Joint, walked: MotionTravel) -> MotionTravel:
     """Return a bound of how far a limb goes and turns while its person walks."""
     length_m, turn_rad = _BOUNDS[joint]
-    return Travel(walked.length_m * (1.0 + length_m), walked.turn_rad + walked.length_m * turn_rad)
+    return MotionTravel(
+        walked.length_m * (1.0 + length_m), walked.turn_rad + walked.length_m * turn_rad
+    )
 
 
 def _turn(height_m: float, pitch_rad: float) -> Pose:

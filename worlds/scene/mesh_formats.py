@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 
 from wil_campaign.hooks import MeshFormat, mesh_formats
-from wil_campaign.installed_plugins import absent, added, load
+from wil_campaign.installed_plugins import absent_additions, load_plugin_object, plugin_additions
 from wil_campaign.worlds.scene.meshes import FloatArray
 from wil_campaign.worlds.scene.shapes import Shape
 
@@ -20,7 +20,7 @@ class MeshFileError(Exception):
 
 
 @dataclass(frozen=True, slots=True)
-class Axes:
+class MeshAxes:
     """Which axes of a mesh file point up and forward."""
 
     up: Axis
@@ -44,7 +44,7 @@ def load_mesh_shape(
     *,
     unit: Unit | None = None,
     scale: float = 1.0,
-    axes: Axes | None = None,
+    axes: MeshAxes | None = None,
     draws_transparent: bool = False,
 ) -> Shape:
     """Return the shape in a mesh file; its surface is what can be touched.
@@ -55,12 +55,12 @@ def load_mesh_shape(
     """
     form = _format(path)
     if form is None:
-        missing = absent(mesh_formats)
+        missing = absent_additions(mesh_formats)
         if path.suffix.lower() in missing:
             raise MeshFileError(missing[path.suffix.lower()])
-        known = ", ".join([*added(mesh_formats), *missing])
+        known = ", ".join([*plugin_additions(mesh_formats), *missing])
         raise MeshFileError(f"'{path.suffix}' is not one of {known}")
-    shape: Shape = load(form.load)(
+    shape: Shape = load_plugin_object(form.load)(
         path, unit=unit, scale=scale, axes=axes, draws_transparent=draws_transparent
     )
     return shape
@@ -72,10 +72,10 @@ def files_named_by_mesh(path: Path) -> list[Path]:
     None of a file that is no mesh or is damaged, which its reader reports.
     """
     form = _format(path)
-    named: list[Path] = [] if form is None else load(form.named)(path)
+    named: list[Path] = [] if form is None else load_plugin_object(form.named)(path)
     return named
 
 
 def _format(path: Path) -> MeshFormat | None:
     """Return the format of a mesh file; None for none that is installed."""
-    return added(mesh_formats).get(path.suffix.lower())
+    return plugin_additions(mesh_formats).get(path.suffix.lower())

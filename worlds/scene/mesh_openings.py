@@ -7,7 +7,7 @@ from shapely.ops import polygonize, unary_union
 
 from wil_campaign.worlds.frames import Pose, Vec3, quat_from_matrix
 from wil_campaign.worlds.scene.meshes import FloatArray, Mesh, vec3
-from wil_campaign.worlds.scene.parts import Opening
+from wil_campaign.worlds.scene.parts import ObjectOpening
 
 _FORWARD, _DOWN = np.array((1.0, 0.0, 0.0)), np.array((0.0, 0.0, 1.0))
 _FLAT_SHARE, _FLAT_M = 0.02, 0.005
@@ -24,7 +24,9 @@ class OpeningError(ValueError):
     """An opening cannot be read: why, and what to give instead."""
 
 
-def polygon_opening(corners_m: FloatArray, through: Vec3, mesh: Mesh | None = None) -> Opening:
+def polygon_opening(
+    corners_m: FloatArray, through: Vec3, mesh: Mesh | None = None
+) -> ObjectOpening:
     """Return the opening of a plane polygon, flown through along `through`.
 
     corners_m: (n, 3) in the object's FRD frame, in their order round the opening. Its centre is
@@ -44,7 +46,7 @@ def polygon_opening(corners_m: FloatArray, through: Vec3, mesh: Mesh | None = No
     return opening
 
 
-def outline_opening(mesh: Mesh, at_m: Vec3, through: Vec3) -> Opening:
+def outline_opening(mesh: Mesh, at_m: Vec3, through: Vec3) -> ObjectOpening:
     """Return the opening whose outline the mesh has round a point of its plane.
 
     The mesh is cut by the plane through at_m, across `through`; the outline is the smallest closed
@@ -94,7 +96,7 @@ def _crossings_beside(segments: FloatArray) -> int:
 
 def _plane_opening(
     corners_m: FloatArray, at: FloatArray, normal: FloatArray, through: Vec3
-) -> Opening:
+) -> ObjectOpening:
     along = float(normal @ np.array(through))
     if abs(along) < _LEAST_ALONG:
         raise OpeningError("its plane lies along the way through; name another way by through")
@@ -113,7 +115,7 @@ def _plane_opening(
     rotation = np.stack([axis, right, down], axis=1)
     pose = Pose(vec3(at + centre[0] * right + centre[1] * down), quat_from_matrix(rotation))
     corners = tuple((float(u), float(v)) for u, v in flat - centre)
-    return Opening("opening", "polygon", limit_m, pose, corners)
+    return ObjectOpening("opening", "polygon", limit_m, pose, corners)
 
 
 def _across(axis: FloatArray) -> tuple[FloatArray, FloatArray]:

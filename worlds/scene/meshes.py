@@ -80,7 +80,7 @@ class Mesh:
         )
 
 
-def merge(meshes: Sequence[Mesh]) -> Mesh:
+def merge_meshes(meshes: Sequence[Mesh]) -> Mesh:
     """Return several meshes merged into one."""
     faces, face_material = [], []
     vertex_count = material_count = 0
@@ -100,7 +100,9 @@ def merge(meshes: Sequence[Mesh]) -> Mesh:
     )
 
 
-def from_triangles(vertices_m: FloatArray, faces: NDArray[np.integer], material: Material) -> Mesh:
+def mesh_from_triangles(
+    vertices_m: FloatArray, faces: NDArray[np.integer], material: Material
+) -> Mesh:
     """Return a flat-shaded mesh of triangles, corners not shared; uv is zero."""
     corners = np.asarray(vertices_m, np.float64)[np.asarray(faces)]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -117,7 +119,7 @@ def from_triangles(vertices_m: FloatArray, faces: NDArray[np.integer], material:
     )
 
 
-def quad(
+def quad_mesh(
     center_m: Vec3,
     right_m: Vec3,
     up_m: Vec3,
@@ -156,16 +158,19 @@ _SIDES: tuple[tuple[Vec3, Vec3], ...] = (
 """Outward normal and upward edge of each side of a box."""
 
 
-def box(size_m: Vec3, material: Material) -> Mesh:
+def box_mesh(size_m: Vec3, material: Material) -> Mesh:
     """Return the mesh of a box centred on the origin; each side one texture."""
     half = np.array(size_m) / 2.0
     sides = []
     for normal, up in _SIDES:
         right = np.cross(np.array(up), np.array(normal))
         center, across, along = (vec3(np.array(edge) * half) for edge in (normal, right, up))
-        sides.append(quad(center, across, along, material))
+        sides.append(quad_mesh(center, across, along, material))
     return replace(
-        merge(sides), materials=(material,), face_material=np.zeros(12, np.int32), closed=True
+        merge_meshes(sides),
+        materials=(material,),
+        face_material=np.zeros(12, np.int32),
+        closed=True,
     )
 
 
@@ -174,7 +179,7 @@ def vec3(array: FloatArray) -> Vec3:
     return (float(array[0]), float(array[1]), float(array[2]))
 
 
-def ellipsoid(
+def ellipsoid_mesh(
     radii_m: tuple[float, float, float], material: Material, *, slices: int = 16, stacks: int = 10
 ) -> Mesh:
     """Return the smooth mesh of an ellipsoid centred on the origin, its poles on the down axis."""
@@ -197,7 +202,7 @@ def ellipsoid(
     return replace(skin, closed=True)
 
 
-def frustum(
+def frustum_mesh(
     radius_top_m: float,
     radius_bottom_m: float,
     height_m: float,
@@ -229,8 +234,11 @@ def frustum(
     )
     index = np.arange(1, slices - 1)
     fan = np.stack([np.zeros_like(index), index, index + 1], axis=-1)
-    caps = [from_triangles(bottom, fan, material), from_triangles(top, fan[:, ::-1], material)]
-    return replace(merge([side, *caps]), closed=True)
+    caps = [
+        mesh_from_triangles(bottom, fan, material),
+        mesh_from_triangles(top, fan[:, ::-1], material),
+    ]
+    return replace(merge_meshes([side, *caps]), closed=True)
 
 
 def _lathe_mesh(

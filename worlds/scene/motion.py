@@ -39,7 +39,7 @@ def ramped_leg(length_m: float, speed_m_s: float, acceleration_m_s2: float) -> t
     return duration_s, rise_s / duration_s
 
 
-def way_share(time_share: float, ramp: float) -> float:
+def ramped_leg_share(time_share: float, ramp: float) -> float:
     """Return the share of a ramped leg's length that is completed at a share of its time."""
     if ramp <= 0.0:
         return time_share
@@ -60,7 +60,7 @@ TURN_RATE_RAD_S = math.pi
 
 
 @dataclass(frozen=True, slots=True)
-class StartAt:
+class StartAtTime:
     """Motion begins at a time on the scene's clock, in seconds."""
 
     at_s: float = 0.0
@@ -77,7 +77,7 @@ class StartAt:
 
 
 @dataclass(frozen=True, slots=True)
-class StartOn:
+class StartOnEvent:
     """Motion begins a delay after an event; not before the event has a time."""
 
     event: str
@@ -94,7 +94,7 @@ class StartOn:
         return self.event
 
 
-Start = StartAt | StartOn
+Start = StartAtTime | StartOnEvent
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,7 +110,7 @@ class Waypoint:
 
 
 @dataclass(frozen=True, slots=True)
-class Leg:
+class MotionLeg:
     """A leg of a motion: a straight way between two poses; turns go evenly with the way.
 
     speed_m_s: the waypoint's. ramp: as of `speed_ramp`; 0 is a constant speed.
@@ -128,7 +128,7 @@ class Leg:
     def share(self, since_s: float) -> float:
         """Return the share of the leg that is completed at a time of the motion."""
         time_share = (since_s - self.begin_s) / self.duration_s
-        return way_share(min(max(time_share, 0.0), 1.0), self.ramp)
+        return ramped_leg_share(min(max(time_share, 0.0), 1.0), self.ramp)
 
     def is_even(self, first_s: float, last_s: float) -> bool:
         """Return whether the leg is straight, unturned and at one speed between two times."""
@@ -138,7 +138,7 @@ class Leg:
 
 
 @dataclass(frozen=True, slots=True)
-class Stride:
+class LegStride:
     """Where on its leg a moving object is: how far along, of which length, at which speed."""
 
     along_m: float
@@ -147,18 +147,18 @@ class Stride:
 
 
 @dataclass(frozen=True, slots=True)
-class Travel:
+class MotionTravel:
     """How far a moving object went between two times: bounds for any of its points."""
 
     length_m: float
     turn_rad: float
 
 
-AT_REST = Travel(0.0, 0.0)
+AT_REST = MotionTravel(0.0, 0.0)
 
 
 @dataclass(frozen=True, slots=True)
-class Motion:
+class ObjectMotion:
     """An object's motion through waypoints from its pose; `loop` repeats for ever.
 
     Times of events and `start` are on one clock, seconds. Where a loop closes, the last leg
@@ -168,11 +168,11 @@ class Motion:
 
     begin: Pose
     waypoints: tuple[Waypoint, ...]
-    start: Start = StartAt()
+    start: Start = StartAtTime()
     loop: bool = False
     acceleration_m_s2: float | None = None
     speed_sd_m_s: float = 0.0
-    legs: tuple[Leg, ...] = field(init=False, repr=False, compare=False)
+    legs: tuple[MotionLeg, ...] = field(init=False, repr=False, compare=False)
     _begins_s: tuple[float, ...] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
@@ -185,7 +185,7 @@ class Motion:
         """Return how long one round of the motion takes."""
         return self.legs[-1].begin_s + self.legs[-1].duration_s if self.legs else 0.0
 
-    def drawn(self, rng: np.random.Generator) -> "Motion":
+    def drawn(self, rng: np.random.Generator) -> "ObjectMotion":
         """Return the motion with each waypoint's speed drawn anew.
 
         Normal about the waypoint's speed with a standard deviation of speed_sd_m_s, cut at three
@@ -214,19 +214,19 @@ class Motion:
         leg = self._leg_at(since_s)
         return leg.begin.interpolate(leg.end, leg.share(since_s))
 
-    def stride_at(self, t_s: float, events: Mapping[str, float]) -> Stride | None:
+    def stride_at(self, t_s: float, events: Mapping[str, float]) -> LegStride | None:
         """Return where on its leg the object is; None before the first and after the last."""
         since_s = self._since_start_s(t_s, events)
         if since_s <= 0.0 or not self.legs or (since_s >= self.duration_s and not self.loop):
             return None
         since_s %= self.duration_s
         leg = self._leg_at(since_s)
-        return Stride(leg.share(since_s) * leg.length_m, leg.length_m, leg.speed_m_s)
+        return LegStride(leg.share(since_s) * leg.length_m, leg.length_m, leg.speed_m_s)
 
-    def _leg_at(self, since_s: float) -> Leg:
+    def _leg_at(self, since_s: float) -> MotionLeg:
         return self.legs[bisect.bisect_right(self._begins_s, since_s) - 1]
 
-    def travel(self, from_s: float, to_s: float, events: Mapping[str, float]) -> Travel:
+    def travel(self, from_s: float, to_s: float, events: Mapping[str, float]) -> MotionTravel:
         """Return how far the motion goes and turns between two times; exact, also at corners."""
         first_s = max(0.0, self._since_start_s(from_s, events))
         last_s = max(0.0, self._since_start_s(to_s, events))
@@ -250,7 +250,7 @@ class Motion:
         started_s = self.start.started_s(events)
         return -1.0 if started_s is None else t_s - started_s
 
-    def _travel_once(self, first_s: float, last_s: float) -> Travel:
+    def _travel_once(self, first_s: float, last_s: float) -> MotionTravel:
         length_m = turn_rad = 0.0
         # The one before the first as well: by rounding its end may be a moment later.
         begin = max(0, bisect.bisect_right(self._begins_s, first_s) - 2)
@@ -260,18 +260,18 @@ class Motion:
             if share > 0.0:
                 length_m += share * leg.length_m
                 turn_rad += share * leg.turn_rad
-        return Travel(length_m, turn_rad)
+        return MotionTravel(length_m, turn_rad)
 
-    def _travel_round(self, first_s: float, last_s: float) -> Travel:
+    def _travel_round(self, first_s: float, last_s: float) -> MotionTravel:
         before, after = self._travel_since_start(first_s), self._travel_since_start(last_s)
-        return Travel(
+        return MotionTravel(
             max(0.0, after.length_m - before.length_m), max(0.0, after.turn_rad - before.turn_rad)
         )
 
-    def _travel_since_start(self, since_s: float) -> Travel:
+    def _travel_since_start(self, since_s: float) -> MotionTravel:
         rounds = math.floor(since_s / self.duration_s)
         part = self._travel_once(0.0, since_s - rounds * self.duration_s)
-        return Travel(
+        return MotionTravel(
             part.length_m + rounds * sum(leg.length_m for leg in self.legs),
             part.turn_rad + rounds * sum(leg.turn_rad for leg in self.legs),
         )
@@ -279,8 +279,8 @@ class Motion:
 
 def _legs(
     begin: Pose, waypoints: tuple[Waypoint, ...], acceleration_m_s2: float | None, *, loop: bool
-) -> tuple[Leg, ...]:
-    legs: list[Leg] = []
+) -> tuple[MotionLeg, ...]:
+    legs: list[MotionLeg] = []
     at, begin_s = begin, 0.0
     for speed_m_s, end in _route(begin, waypoints, loop=loop):
         leg = _leg(begin_s, at, end, speed_m_s, acceleration_m_s2)
@@ -309,7 +309,7 @@ def _route(
 
 def _leg(
     begin_s: float, begin: Pose, end: Pose, speed_m_s: float, acceleration_m_s2: float | None
-) -> Leg:
+) -> MotionLeg:
     """Return the motion's leg between two poses; it takes at least as long as turning does."""
     turn_rad = angle_between(begin.q_wxyz, end.q_wxyz)
     length_m = norm(subtract(end.position_ned_m, begin.position_ned_m))
@@ -317,4 +317,4 @@ def _leg(
     if acceleration_m_s2 is not None:
         duration_s, ramp = ramped_leg(length_m, speed_m_s, acceleration_m_s2)
     duration_s = max(duration_s, turn_rad / TURN_RATE_RAD_S / (1.0 - ramp))
-    return Leg(begin_s, duration_s, begin, end, length_m, turn_rad, speed_m_s, ramp)
+    return MotionLeg(begin_s, duration_s, begin, end, length_m, turn_rad, speed_m_s, ramp)

@@ -57,7 +57,7 @@ PartShape = BoxShape | SphereShape | HullShape | SurfaceShape
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Part:
+class SolidPart:
     """A part of an object: its shape, and its pose in the object's frame.
 
     is_floor: what a vehicle stands on; touching it is no collision unless a caller says so.
@@ -70,7 +70,7 @@ class Part:
 
 
 @dataclass(frozen=True, slots=True)
-class Crossing:
+class OpeningCrossing:
     """Where a path crosses the plane of an object's opening.
 
     fraction: of the way from the first to the second point. offset_m: distance from the
@@ -84,7 +84,7 @@ class Crossing:
 
 
 @dataclass(frozen=True, slots=True)
-class Opening:
+class ObjectOpening:
     """An opening of an object, to be flown through along the forward axis of `pose`.
 
     limit_m: half of the inner size. form "square": the offset is the larger one of right and
@@ -110,7 +110,7 @@ class Opening:
             return max(abs(right), abs(down))
         return math.hypot(right, down)
 
-    def crossing(self, from_m: Vec3, to_m: Vec3) -> Crossing | None:
+    def crossing(self, from_m: Vec3, to_m: Vec3) -> OpeningCrossing | None:
         """Return where the line between two points of the object's frame crosses the opening.
 
         None when both lie on one side. A point in the plane belongs to the side before it, so
@@ -125,7 +125,7 @@ class Opening:
             start[1] + (end[1] - start[1]) * fraction,
             start[2] + (end[2] - start[2]) * fraction,
         )
-        return Crossing(fraction, self.offset_m(middle), 1 if end[0] > start[0] else -1)
+        return OpeningCrossing(fraction, self.offset_m(middle), 1 if end[0] > start[0] else -1)
 
 
 def _distance_within(corners: tuple[tuple[float, float], ...], point: tuple[float, float]) -> float:

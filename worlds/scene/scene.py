@@ -6,20 +6,20 @@ from types import MappingProxyType
 
 from wil_campaign.worlds.frames import Pose, matrix_from_quat
 from wil_campaign.worlds.scene.gait import CHORD_S, Joint, limb_pose, limb_travel
-from wil_campaign.worlds.scene.motion import AT_REST, Motion, Stride, Travel
+from wil_campaign.worlds.scene.motion import AT_REST, LegStride, MotionTravel, ObjectMotion
 from wil_campaign.worlds.scene.shapes import Shape
-from wil_campaign.worlds.scene.track import track_of
+from wil_campaign.worlds.scene.track import object_track_of
 
 MAX_OBJECTS = 254
 NO_EVENTS: Mapping[str, float] = MappingProxyType({})
 
 
 @dataclass(frozen=True, slots=True)
-class Placed:
+class ObjectPlacement:
     """Where a scene object is: its pose, and where on its leg; None where it does not walk."""
 
     pose: Pose
-    stride: Stride | None = None
+    stride: LegStride | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -34,7 +34,7 @@ class SceneObject:
     name: str
     shape: Shape
     pose: Pose
-    motion: Motion | None = None
+    motion: ObjectMotion | None = None
 
     @property
     def is_room(self) -> bool:
@@ -48,20 +48,22 @@ class SceneObject:
         """
         if self.motion is None:
             return self.pose
-        if (track := track_of(self.name, events)) is not None:
+        if (track := object_track_of(self.name, events)) is not None:
             return track.pose_at(t_s) or self.pose
         return self.motion.pose_at(t_s, events)
 
-    def placed_at(self, t_s: float, events: Mapping[str, float] = NO_EVENTS) -> Placed:
+    def placed_at(self, t_s: float, events: Mapping[str, float] = NO_EVENTS) -> ObjectPlacement:
         """Return the scene object's pose and stride at a time, which place all its limbs."""
         stride = None if self.motion is None else self.motion.stride_at(t_s, events)
-        return Placed(self.pose_at(t_s, events), stride)
+        return ObjectPlacement(self.pose_at(t_s, events), stride)
 
-    def travel(self, from_s: float, to_s: float, events: Mapping[str, float] = NO_EVENTS) -> Travel:
+    def travel(
+        self, from_s: float, to_s: float, events: Mapping[str, float] = NO_EVENTS
+    ) -> MotionTravel:
         """Return how far the scene object went and turned between two times."""
         if self.motion is None:
             return AT_REST
-        if (track := track_of(self.name, events)) is not None:
+        if (track := object_track_of(self.name, events)) is not None:
             return track.travel(from_s, to_s)
         return self.motion.travel(from_s, to_s, events)
 
@@ -69,7 +71,7 @@ class SceneObject:
         """Return whether the scene object rests, or moves straight, evenly and unturned."""
         if self.motion is None:
             return True
-        if (track := track_of(self.name, events)) is not None:
+        if (track := object_track_of(self.name, events)) is not None:
             return track.is_even(from_s, to_s)
         return self.motion.is_even(from_s, to_s, events)
 
@@ -104,17 +106,19 @@ class RigidBody:
             return self.scene_object.pose_at(t_s, events)
         return self.pose_on(self.scene_object.placed_at(t_s, events))
 
-    def pose_on(self, placed: Placed) -> Pose:
+    def pose_on(self, placed: ObjectPlacement) -> Pose:
         """Return the body's pose where its object is placed so."""
         if self.joint is None or self.scene_object.motion is None:
             return placed.pose
         return placed.pose.compose(limb_pose(self.joint, placed.stride))
 
-    def travel(self, from_s: float, to_s: float, events: Mapping[str, float] = NO_EVENTS) -> Travel:
+    def travel(
+        self, from_s: float, to_s: float, events: Mapping[str, float] = NO_EVENTS
+    ) -> MotionTravel:
         """Return how far the body goes and turns at most between two times."""
         return self.travel_on(self.scene_object.travel(from_s, to_s, events))
 
-    def travel_on(self, travel: Travel) -> Travel:
+    def travel_on(self, travel: MotionTravel) -> MotionTravel:
         """Return how far the body goes and turns at most where its object does so."""
         return travel if self.joint is None else limb_travel(self.joint, travel)
 
@@ -180,7 +184,7 @@ class Scene:
         return self._by_name[name]
 
 
-def virtual_only(real: Scene, virtual: Scene) -> dict[int, str]:
+def virtual_only_objects(real: Scene, virtual: Scene) -> dict[int, str]:
     """Return id and name of each object in the virtual world only; rooms do not count."""
     return {
         scene_object.object_id: scene_object.name

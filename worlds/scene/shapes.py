@@ -18,7 +18,7 @@ from wil_campaign.worlds.scene import meshes, textures
 from wil_campaign.worlds.scene.colors import NAMED, Rgb
 from wil_campaign.worlds.scene.gait import ANKLE_M, HIP_M, JOINTS, KNEE_M, Joint
 from wil_campaign.worlds.scene.meshes import BgrTexture, Material, Mesh
-from wil_campaign.worlds.scene.parts import BoxShape, HullShape, Opening, Part
+from wil_campaign.worlds.scene.parts import BoxShape, HullShape, ObjectOpening, SolidPart
 
 RING_SEGMENTS = 48
 WALL_THICKNESS_M = 0.1
@@ -36,9 +36,9 @@ class Shape:
 
     kind: str
     mesh: Mesh
-    parts: tuple[Part, ...]
-    openings: tuple[Opening, ...] = ()
-    limbs: tuple["Limb", ...] = ()
+    parts: tuple[SolidPart, ...]
+    openings: tuple[ObjectOpening, ...] = ()
+    limbs: tuple["ShapeLimb", ...] = ()
 
     @property
     def radius_m(self) -> float:
@@ -53,7 +53,7 @@ class Shape:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Limb:
+class ShapeLimb:
     """A limb of a shape, where it is at rest, and the joint that moves it."""
 
     joint: Joint
@@ -70,8 +70,8 @@ class _Piece:
 
 def _assemble(kind: str, pieces: Sequence[_Piece]) -> Shape:
     """Return the shape assembled from convex pieces."""
-    parts = tuple(Part(piece.name, *_hull(piece.mesh)) for piece in pieces)
-    return Shape(kind, meshes.merge([piece.mesh for piece in pieces]), parts)
+    parts = tuple(SolidPart(piece.name, *_hull(piece.mesh)) for piece in pieces)
+    return Shape(kind, meshes.merge_meshes([piece.mesh for piece in pieces]), parts)
 
 
 def _hull(mesh: Mesh) -> tuple[HullShape, Pose]:
@@ -88,7 +88,7 @@ def _hull(mesh: Mesh) -> tuple[HullShape, Pose]:
 
 
 @lru_cache(maxsize=_CACHED_SHAPES)
-def gate(
+def gate_shape(
     form: Literal["square", "ring"], inner_size_m: float, bar_m: float, color: Rgb = NAMED["orange"]
 ) -> Shape:
     """Return the shape of a gate of bars with a square cross-section.
@@ -96,7 +96,7 @@ def gate(
     inner_size_m: inner edge of the square, or inner diameter of the ring.
     """
     material = Material(color)
-    opening = Opening("opening", form, inner_size_m / 2.0)
+    opening = ObjectOpening("opening", form, inner_size_m / 2.0)
     if form == "ring":
         ring = _assemble("gate", list(_ring_pieces(inner_size_m / 2.0, bar_m, material)))
         return Shape("gate", ring.mesh, ring.parts, (opening,))
@@ -109,8 +109,10 @@ def gate(
     )
     return Shape(
         "gate",
-        meshes.merge([meshes.box(size, material).moved(Pose(at)) for _, size, at in bars]),
-        tuple(Part(name, BoxShape(_half(size)), Pose(at)) for name, size, at in bars),
+        meshes.merge_meshes(
+            [meshes.box_mesh(size, material).moved(Pose(at)) for _, size, at in bars]
+        ),
+        tuple(SolidPart(name, BoxShape(_half(size)), Pose(at)) for name, size, at in bars),
         (opening,),
     )
 
@@ -141,33 +143,33 @@ def _ring_pieces(inner_radius_m: float, bar_m: float, material: Material) -> Ite
             )
         ]
         degrees = round(math.degrees(segment * step))
-        segment_mesh = meshes.from_triangles(np.array(corners), faces, material)
+        segment_mesh = meshes.mesh_from_triangles(np.array(corners), faces, material)
         yield _Piece(f"ring {degrees:03d}", replace(segment_mesh, closed=True))
 
 
-def box(size_m: Vec3, color: Rgb = NAMED["grey"]) -> Shape:
+def box_shape(size_m: Vec3, color: Rgb = NAMED["grey"]) -> Shape:
     """Return the shape of a centred box; size along forward, right, down."""
-    part = Part("box", BoxShape(_half(size_m)), Pose((0.0, 0.0, 0.0)))
-    return Shape("box", meshes.box(size_m, Material(color)), (part,))
+    part = SolidPart("box", BoxShape(_half(size_m)), Pose((0.0, 0.0, 0.0)))
+    return Shape("box", meshes.box_mesh(size_m, Material(color)), (part,))
 
 
 @lru_cache(maxsize=_CACHED_SHAPES)
-def quadrotor(size_m: float = 0.3, color: Rgb = NAMED["silver"]) -> Shape:
+def quadrotor_shape(size_m: float = 0.3, color: Rgb = NAMED["silver"]) -> Shape:
     """Return the shape of a quadrotor in X layout; size is its width over the rotors."""
     body, dark = Material(color), Material((45, 45, 50))
     red, green = Material(NAMED["red"]), Material(NAMED["green"])
     unit = size_m / 2.0 / (math.sqrt(0.5) + 0.52)
     pieces = [
-        _Piece("hull", meshes.box((0.62 * unit, 0.42 * unit, 0.26 * unit), body)),
+        _Piece("hull", meshes.box_mesh((0.62 * unit, 0.42 * unit, 0.26 * unit), body)),
         _Piece(
             "battery",
-            meshes.box((0.5 * unit, 0.3 * unit, 0.16 * unit), dark).moved(
+            meshes.box_mesh((0.5 * unit, 0.3 * unit, 0.16 * unit), dark).moved(
                 Pose((0.0, 0.0, -0.2 * unit))
             ),
         ),
         _Piece(
             "camera",
-            meshes.box((0.12 * unit, 0.2 * unit, 0.14 * unit), dark).moved(
+            meshes.box_mesh((0.12 * unit, 0.2 * unit, 0.14 * unit), dark).moved(
                 Pose((0.36 * unit, 0.0, 0.02 * unit))
             ),
         ),
@@ -179,13 +181,13 @@ def quadrotor(size_m: float = 0.3, color: Rgb = NAMED["silver"]) -> Shape:
         ("front left", -45, red),
     ):
         turn = Pose.of(0.0, 0.0, 0.0, yaw_rad=math.radians(yaw_deg))
-        arm = meshes.box((unit, 0.09 * unit, 0.08 * unit), body).moved(
+        arm = meshes.box_mesh((unit, 0.09 * unit, 0.08 * unit), body).moved(
             turn.compose(Pose((0.5 * unit, 0.0, 0.0)))
         )
-        motor = meshes.frustum(0.13 * unit, 0.13 * unit, 0.24 * unit, tip).moved(
+        motor = meshes.frustum_mesh(0.13 * unit, 0.13 * unit, 0.24 * unit, tip).moved(
             turn.compose(Pose((unit, 0.0, -0.06 * unit)))
         )
-        rotor = meshes.frustum(0.52 * unit, 0.52 * unit, 0.03 * unit, dark, slices=20).moved(
+        rotor = meshes.frustum_mesh(0.52 * unit, 0.52 * unit, 0.03 * unit, dark, slices=20).moved(
             turn.compose(Pose((unit, 0.0, -0.2 * unit)))
         )
         pieces += [
@@ -197,13 +199,13 @@ def quadrotor(size_m: float = 0.3, color: Rgb = NAMED["silver"]) -> Shape:
 
 
 @lru_cache(maxsize=_CACHED_SHAPES)
-def person(color: Rgb = SHIRT_RGB) -> Shape:
+def person_shape(color: Rgb = SHIRT_RGB) -> Shape:
     """Return the shape of a standing person of 1.75 m, facing forward; colour of the shirt."""
     skin, hair = Material((214, 168, 140)), Material((70, 48, 35))
     shirt, trousers, shoes = Material(color), Material((45, 52, 72)), Material((40, 36, 34))
 
     def ball(radii: Vec3, at: Vec3, material: Material) -> Mesh:
-        return meshes.ellipsoid(radii, material).moved(Pose(at))
+        return meshes.ellipsoid_mesh(radii, material).moved(Pose(at))
 
     def limb(
         top_m: float,
@@ -216,7 +218,7 @@ def person(color: Rgb = SHIRT_RGB) -> Shape:
         flatten: float = 1.0,
     ) -> Mesh:
         tilt = Pose.of(0.0, right_m, (top_m + bottom_m) / 2.0, roll_rad=math.radians(tilt_deg))
-        return meshes.frustum(*radii, top_m - bottom_m, material, flatten=flatten).moved(tilt)
+        return meshes.frustum_mesh(*radii, top_m - bottom_m, material, flatten=flatten).moved(tilt)
 
     trunk = [
         _Piece("hips", limb(0.98, 0.80, (0.168, 0.178), 0.0, trousers, flatten=0.62)),
@@ -246,12 +248,12 @@ def person(color: Rgb = SHIRT_RGB) -> Shape:
         foot = ball((0.14, 0.05, 0.05), (0.05, sign * 0.1, -0.05), shoes)
         pieces[f"{side} foot"] = [_Piece(f"{side} foot", foot)]
     standing = _assemble("person", [piece for some in pieces.values() for piece in some])
-    limbs = (Limb(joint, _assemble("person", pieces[joint])) for joint in JOINTS)
+    limbs = (ShapeLimb(joint, _assemble("person", pieces[joint])) for joint in JOINTS)
     return replace(standing, limbs=tuple(limbs))
 
 
 @lru_cache(maxsize=_CACHED_SHAPES)
-def room(
+def room_shape(
     size_north_m: float, size_east_m: float, height_m: float, *, ceiling: bool = True, seed: int = 0
 ) -> Shape:
     """Return the shape of a room: the space inside its inner faces is free.
@@ -271,8 +273,8 @@ def room(
         half = np.where(np.abs(normal) > 0.5, thick / 2.0, half + thick)
         at = np.array(side.center_m) - normal * thick / 2.0
         shape, pose = BoxShape(meshes.vec3(half)), Pose(meshes.vec3(at))
-        parts.append(Part(side.name, shape, pose, is_floor=side.name == "floor"))
-    return Shape("room", meshes.merge([side.mesh() for side in drawn]), tuple(parts))
+        parts.append(SolidPart(side.name, shape, pose, is_floor=side.name == "floor"))
+    return Shape("room", meshes.merge_meshes([side.mesh() for side in drawn]), tuple(parts))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -290,7 +292,7 @@ class _Side:
         across = 2.0 * math.hypot(*self.right_m) / self.repeat_m
         along = 2.0 * math.hypot(*self.up_m) / self.repeat_m
         material = Material((255, 255, 255), self.texture)
-        return meshes.quad(self.center_m, self.right_m, self.up_m, material, (across, along))
+        return meshes.quad_mesh(self.center_m, self.right_m, self.up_m, material, (across, along))
 
 
 def _room_sides(north_m: float, east_m: float, height_m: float, seed: int) -> tuple[_Side, ...]:
@@ -300,27 +302,44 @@ def _room_sides(north_m: float, east_m: float, height_m: float, seed: int) -> tu
     seeds = [seed * 6 + index for index in range(6)]
     grey, green, blue = (165, 170, 172), (150, 165, 150), (168, 158, 146)
     return (
-        _Side("north wall", (n, 0.0, -h), (0.0, e, 0.0), up, textures.blocks(seeds[0], grey), 1.6),
         _Side(
-            "east wall", (0.0, e, -h), (-n, 0.0, 0.0), up, textures.concrete(seeds[1], green), 2.5
+            "north wall",
+            (n, 0.0, -h),
+            (0.0, e, 0.0),
+            up,
+            textures.block_texture(seeds[0], grey),
+            1.6,
+        ),
+        _Side(
+            "east wall",
+            (0.0, e, -h),
+            (-n, 0.0, 0.0),
+            up,
+            textures.concrete_texture(seeds[1], green),
+            2.5,
         ),
         _Side(
             "south wall",
             (-n, 0.0, -h),
             (0.0, -e, 0.0),
             up,
-            textures.blocks(seeds[2], (160, 154, 158)),
+            textures.block_texture(seeds[2], (160, 154, 158)),
             2.0,
         ),
         _Side(
-            "west wall", (0.0, -e, -h), (n, 0.0, 0.0), up, textures.concrete(seeds[3], blue), 2.5
+            "west wall",
+            (0.0, -e, -h),
+            (n, 0.0, 0.0),
+            up,
+            textures.concrete_texture(seeds[3], blue),
+            2.5,
         ),
         _Side(
             "floor",
             (0.0, 0.0, 0.0),
             (0.0, e, 0.0),
             (n, 0.0, 0.0),
-            textures.tiles(seeds[4], (98, 96, 92)),
+            textures.tile_texture(seeds[4], (98, 96, 92)),
             2.0,
         ),
         _Side(
@@ -328,7 +347,7 @@ def _room_sides(north_m: float, east_m: float, height_m: float, seed: int) -> tu
             (0.0, 0.0, -2.0 * h),
             (0.0, -e, 0.0),
             (n, 0.0, 0.0),
-            textures.panels(seeds[5], (238, 240, 240)),
+            textures.panel_texture(seeds[5], (238, 240, 240)),
             2.4,
         ),
     )

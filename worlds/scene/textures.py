@@ -35,7 +35,7 @@ def _paint(base_bgr: tuple[int, int, int], relief: FloatArray) -> BgrTexture:
     return np.clip(np.array(base_bgr) + relief[:, :, None], 0, 255).astype(np.uint8)
 
 
-def concrete(seed: int, base_bgr: tuple[int, int, int]) -> BgrTexture:
+def concrete_texture(seed: int, base_bgr: tuple[int, int, int]) -> BgrTexture:
     """Return the texture of a poured wall: stains, and the joints and holes of its formwork."""
     rng = np.random.default_rng(seed)
     relief = 7.0 * _clouds(rng, (4, 8, 16)) + 3.0 * _clouds(rng, (64,))
@@ -49,7 +49,7 @@ def concrete(seed: int, base_bgr: tuple[int, int, int]) -> BgrTexture:
     return texture
 
 
-def blocks(seed: int, base_bgr: tuple[int, int, int]) -> BgrTexture:
+def block_texture(seed: int, base_bgr: tuple[int, int, int]) -> BgrTexture:
     """Return the texture of a wall of painted blocks with mortar between."""
     rng = np.random.default_rng(seed)
     relief = 3.0 * _clouds(rng, (8, 32))
@@ -66,7 +66,7 @@ def blocks(seed: int, base_bgr: tuple[int, int, int]) -> BgrTexture:
     return _paint(base_bgr, relief)
 
 
-def tiles(seed: int, base_bgr: tuple[int, int, int]) -> BgrTexture:
+def tile_texture(seed: int, base_bgr: tuple[int, int, int]) -> BgrTexture:
     """Return the texture of a floor of square mats in two shades, speckled."""
     rng = np.random.default_rng(seed)
     half = SIDE_PX // 2
@@ -79,7 +79,7 @@ def tiles(seed: int, base_bgr: tuple[int, int, int]) -> BgrTexture:
     return _paint(base_bgr, relief)
 
 
-def panels(seed: int, base_bgr: tuple[int, int, int]) -> BgrTexture:
+def panel_texture(seed: int, base_bgr: tuple[int, int, int]) -> BgrTexture:
     """Return the texture of a ceiling of light panels with dark seams."""
     rng = np.random.default_rng(seed)
     relief = 2.0 * _clouds(rng, (16, 64))
@@ -93,10 +93,10 @@ def load_texture(path: Path) -> BgrTexture:
 
     Raises ValueError when there is no image in the file, OSError when it cannot be read.
     """
-    return to_powers_of_two(np.asarray(read_image(path), np.uint8))
+    return texture_to_powers_of_two(np.asarray(read_image(path), np.uint8))
 
 
-def to_powers_of_two(image: BgrTexture) -> BgrTexture:
+def texture_to_powers_of_two(image: BgrTexture) -> BgrTexture:
     """Return a texture with each side at the nearest power of two, at most 2048."""
     height, width = (_power_of_two(side) for side in image.shape[:2])
     if (height, width) == image.shape[:2]:

@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from itertools import pairwise
 
 from wil_campaign.worlds.frames import Pose, Vec3, add, angle_between, norm, scale, subtract
-from wil_campaign.worlds.scene.motion import AT_REST, Travel
+from wil_campaign.worlds.scene.motion import AT_REST, MotionTravel
 
 AHEAD_S = 0.1
 """For how long a pose is extrapolated at its velocity: five periods of reports."""
@@ -17,7 +17,7 @@ _STILL_M = 1e-6
 _STILL_RAD = 1e-6
 
 
-class Track:
+class ObjectTrack:
     """The poses of one flown object over time; straight and even between two of them.
 
     It has no pose before the first. After the last it is extrapolated for AHEAD_S, then it rests.
@@ -56,7 +56,7 @@ class Track:
         share = (t_s - before_s) / (after_s - before_s)
         return self._poses[index - 1].interpolate(self._poses[index], share)
 
-    def travel(self, from_s: float, to_s: float) -> Travel:
+    def travel(self, from_s: float, to_s: float) -> MotionTravel:
         """Return how far the track goes and turns between two times, along all its poses."""
         if to_s <= from_s:
             return AT_REST
@@ -66,7 +66,7 @@ class Track:
         for before, after in pairwise(known):
             length_m += norm(subtract(after.position_ned_m, before.position_ned_m))
             turn_rad += angle_between(before.q_wxyz, after.q_wxyz)
-        return Travel(length_m, turn_rad)
+        return MotionTravel(length_m, turn_rad)
 
     def is_even(self, from_s: float, to_s: float) -> bool:
         """Return whether the track rests between two times, or goes straight and unturned."""
@@ -90,15 +90,15 @@ class RunHistory(dict[str, float]):
     tracks: by the object's name. A plain mapping of events is a history in which nothing is flown.
     """
 
-    def __init__(self, tracks: Mapping[str, Track] | None = None) -> None:
+    def __init__(self, tracks: Mapping[str, ObjectTrack] | None = None) -> None:
         super().__init__()
-        self.tracks: dict[str, Track] = dict(tracks or {})
+        self.tracks: dict[str, ObjectTrack] = dict(tracks or {})
 
     def add_pose(self, name: str, t_s: float, pose: Pose, velocity_ned_m_s: Vec3) -> None:
         """Add a pose to the track of an object, which begins with it."""
-        self.tracks.setdefault(name, Track()).add(t_s, pose, velocity_ned_m_s)
+        self.tracks.setdefault(name, ObjectTrack()).add(t_s, pose, velocity_ned_m_s)
 
 
-def track_of(name: str, events: Mapping[str, float]) -> Track | None:
+def object_track_of(name: str, events: Mapping[str, float]) -> ObjectTrack | None:
     """Return the track of an object in a run's history; None if no vehicle flies it."""
     return events.tracks.get(name) if isinstance(events, RunHistory) else None

@@ -2,14 +2,14 @@
 
 from dataclasses import dataclass
 
-from wil_campaign.foundation.files.documents import BadInput, Document, check
+from wil_campaign.foundation.files.documents import BadInput, Document, check_document
 from wil_campaign.worlds.geodesy import LocalFrame
-from wil_campaign.worlds.scene.motion import StartOn
+from wil_campaign.worlds.scene.motion import StartOnEvent
 from wil_campaign.worlds.scene.scene import Scene
-from wil_campaign.worlds.world_file.world_reader import Placed, WorldReader
+from wil_campaign.worlds.world_file.world_reader import PlacedObject, WorldReader
 from wil_campaign.worlds.world_file.world_schema import Mode, Which, WorldModel
 
-__all__ = ["Mode", "Placed", "Which", "World"]
+__all__ = ["Mode", "PlacedObject", "Which", "World"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -21,7 +21,7 @@ class World:
 
     description: str
     frame: LocalFrame
-    placed: tuple[Placed, ...]
+    placed: tuple[PlacedObject, ...]
     ground_down_m: float | None = None
 
     @classmethod
@@ -30,7 +30,7 @@ class World:
 
         Raises BadInput with every fault found: first those of form, then those of meaning.
         """
-        model = check(document, WorldModel)
+        model = check_document(document, WorldModel)
         reader = WorldReader(document, seed=model.seed)
         ground_down_m = None if model.ground_up_m is None else -model.ground_up_m
         placed = reader.read(model.objects, ground_down_m=ground_down_m)
@@ -58,7 +58,7 @@ class World:
         starts = (
             each.scene_object.motion.start for each in self.placed if each.scene_object.motion
         )
-        return frozenset(start.event for start in starts if isinstance(start, StartOn))
+        return frozenset(start.event for start in starts if isinstance(start, StartOnEvent))
 
     def scene(self, mode: Mode, which: Which) -> Scene:
         """Return the scene of W or Wv in runs of a mode; ids are the same in all scenes."""

@@ -6,18 +6,18 @@ from pathlib import Path
 
 import numpy as np
 
-from wil_campaign.foundation.files.documents import Document, Problem, closest, closest_file
-from wil_campaign.foundation.files.paths import exists, is_folder
+from wil_campaign.foundation.files.documents import Document, Problem, closest_file, closest_word
+from wil_campaign.foundation.files.paths import is_folder, path_exists
 from wil_campaign.worlds.frames import Pose, matrix_from_quat
 from wil_campaign.worlds.scene import shapes
 from wil_campaign.worlds.scene.colors import NAMED, Rgb, parse_color
-from wil_campaign.worlds.scene.mesh_formats import Axes, MeshFileError, load_mesh_shape
+from wil_campaign.worlds.scene.mesh_formats import MeshAxes, MeshFileError, load_mesh_shape
 from wil_campaign.worlds.scene.mesh_openings import (
     OpeningError,
     outline_opening,
     polygon_opening,
 )
-from wil_campaign.worlds.scene.motion import Motion, StartOn, Waypoint
+from wil_campaign.worlds.scene.motion import ObjectMotion, StartOnEvent, Waypoint
 from wil_campaign.worlds.scene.scene import MAX_OBJECTS, SceneObject
 from wil_campaign.worlds.scene.shapes import Shape
 from wil_campaign.worlds.scene.textures import load_texture
@@ -38,7 +38,7 @@ _Path = tuple[str | int, ...]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Placed:
+class PlacedObject:
     """An object that the world reader has built, and in which worlds it exists."""
 
     scene_object: SceneObject
@@ -65,7 +65,7 @@ class WorldReader:
 
     def read(
         self, models: dict[str, ObjectModel], *, ground_down_m: float | None = None
-    ) -> tuple[Placed, ...]:
+    ) -> tuple[PlacedObject, ...]:
         """Return all objects of the world file, in order; check `problems` before using them.
 
         ground_down_m: the height of the ground where the file states it.
@@ -74,7 +74,7 @@ class WorldReader:
             self._note(("objects",), f"{len(models)} objects; at most {MAX_OBJECTS} are supported")
             return ()
         placed = tuple(
-            Placed(self._object(object_id, name, model), _exists_in(model))
+            PlacedObject(self._object(object_id, name, model), _exists_in(model))
             for object_id, (name, model) in enumerate(models.items(), start=1)
         )
         floor_m = _floor_down_m(placed, ground_down_m)
@@ -112,12 +112,12 @@ class WorldReader:
         try:
             return parse_color(model.color)
         except ValueError as error:
-            self._note((*at, "color"), str(error), closest(str(model.color), NAMED))
+            self._note((*at, "color"), str(error), closest_word(str(model.color), NAMED))
             return None
 
     def _mesh(self, at: _Path, model: MeshModel) -> Shape:
         path = self._folder / model.file
-        axes = Axes(model.up, model.forward) if model.up and model.forward else None
+        axes = MeshAxes(model.up, model.forward) if model.up and model.forward else None
         try:
             shape = load_mesh_shape(
                 path,
@@ -129,7 +129,7 @@ class WorldReader:
         except MeshFileError as error:
             self._note(at, f"mesh file '{model.file}': {error}", self._similar_file(model.file))
             self._unreadable.add(str(at[1]))
-            return shapes.box((1.0, 1.0, 1.0))
+            return shapes.box_shape((1.0, 1.0, 1.0))
         return shape if model.opening is None else self._opened(at, shape, model.opening)
 
     def _opened(self, at: _Path, shape: Shape, model: OpeningModel) -> Shape:
@@ -167,7 +167,7 @@ class WorldReader:
     def _similar_file(self, written: str) -> str:
         """Return the path of a file that a misspelt one may mean, as it would be written; ""."""
         path = self._folder / written
-        if exists(path) or not is_folder(path.parent):
+        if path_exists(path) or not is_folder(path.parent):
             return ""
         try:
             names = [each.name for each in path.parent.iterdir()]
@@ -208,7 +208,7 @@ def _exists_in(model: ObjectModel) -> ExistsModel:
     return _EVERYWHERE if model.shape.room is not None else ExistsModel()
 
 
-def _floor_down_m(placed: tuple[Placed, ...], ground_down_m: float | None) -> float:
+def _floor_down_m(placed: tuple[PlacedObject, ...], ground_down_m: float | None) -> float:
     """Return the down coordinate of the world file's lowest floor: of a room or the ground, else 0.
 
     ground_down_m: that of the ground, where the file states it.
@@ -231,21 +231,27 @@ def _built_in(model: ShapeModel, rgb: Rgb | None) -> Shape:
     """Return the built-in shape that the world file names; colour None is the shape's own."""
     if model.gate is not None:
         gate = model.gate
-        return shapes.gate(gate.form, gate.inner_size_m, gate.bar_m, rgb or NAMED["orange"])
+        return shapes.gate_shape(gate.form, gate.inner_size_m, gate.bar_m, rgb or NAMED["orange"])
     if model.room is not None:
         size = (model.room.size_north_m, model.room.size_east_m, model.room.height_m)
-        return shapes.room(*size, ceiling=model.room.ceiling == "closed", seed=model.room.seed)
+        return shapes.room_shape(
+            *size, ceiling=model.room.ceiling == "closed", seed=model.room.seed
+        )
     if model.box is not None:
-        return shapes.box(model.box.size_m, rgb or NAMED["grey"])
+        return shapes.box_shape(model.box.size_m, rgb or NAMED["grey"])
     if model.quadrotor is not None:
-        return shapes.quadrotor(model.quadrotor.size_m, rgb or NAMED["silver"])
-    return shapes.person(rgb or shapes.SHIRT_RGB)
+        return shapes.quadrotor_shape(model.quadrotor.size_m, rgb or NAMED["silver"])
+    return shapes.person_shape(rgb or shapes.SHIRT_RGB)
 
 
-def _motion(pose: Pose, model: MotionModel) -> Motion:
+def _motion(pose: Pose, model: MotionModel) -> ObjectMotion:
     """Return an object's motion from its part of the world file."""
     start = model.start
-    begin = StartOn(start.on, start.delay_s) if start.on else StartOn("goal", start.at_s or 0.0)
+    begin = (
+        StartOnEvent(start.on, start.delay_s)
+        if start.on
+        else StartOnEvent("goal", start.at_s or 0.0)
+    )
     waypoints = tuple(
         Waypoint(
             (each.north_m, each.east_m, -each.up_m),
@@ -254,4 +260,6 @@ def _motion(pose: Pose, model: MotionModel) -> Motion:
         )
         for each in model.waypoints
     )
-    return Motion(pose, waypoints, begin, model.loop, model.acceleration_m_s2, model.speed_sd_m_s)
+    return ObjectMotion(
+        pose, waypoints, begin, model.loop, model.acceleration_m_s2, model.speed_sd_m_s
+    )

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator
 from contextlib import ExitStack, contextmanager
 
 from wil_campaign.campaigns.setup.bench_file import Bench
-from wil_campaign.orchestrator.campaign.folder.campaign_folder import TakenError
+from wil_campaign.orchestrator.campaign.folder.campaign_folder import FolderTakenError
 
 
 @contextmanager
@@ -22,7 +22,7 @@ def held_benches(benches: Iterable[Bench]) -> Iterator[None]:
             try:
                 fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except BlockingIOError as error:
-                raise TakenError(
+                raise FolderTakenError(
                     f"bench {bench.name} is in use by another wil-campaign: wait until it has ended"
                 ) from error
         yield

@@ -14,8 +14,8 @@ from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 
-from wil_campaign.foundation.files.document_writer import sync_folder, write_whole
-from wil_campaign.foundation.files.paths import exists, require_utf8
+from wil_campaign.foundation.files.document_writer import sync_folder, write_atomically
+from wil_campaign.foundation.files.paths import path_exists, require_utf8
 from wil_campaign.foundation.files.problems import BadInput, Problem
 from wil_campaign.orchestrator.recording.timestamps import folder_stamp
 
@@ -31,11 +31,11 @@ class OutputError(Exception):
     """A campaign's results cannot be written; says where and why."""
 
 
-class TakenError(Exception):
+class FolderTakenError(Exception):
     """A campaign folder is in use by another process."""
 
 
-def make_folder(parent: Path) -> Path:
+def make_campaign_folder(parent: Path) -> Path:
     """Create and return a new campaign folder, named by the time. Raises OutputError."""
     stamp = folder_stamp(time.time())
     try:
@@ -53,7 +53,7 @@ def make_folder(parent: Path) -> Path:
     raise OutputError(f"{parent} already has 1000 folders of this second")
 
 
-def require_writable(out: Path, *, junit: Path | None) -> None:
+def require_writable_results(out: Path, *, junit: Path | None) -> None:
     """Check that a campaign's results can be written before it begins.
 
     out: created when it does not exist; junit: a file in an existing folder. Raises OutputError,
@@ -64,7 +64,7 @@ def require_writable(out: Path, *, junit: Path | None) -> None:
         if _is_too_long(out.absolute()):
             message = "is too long for a folder of results: choose another one with --out"
             raise BadInput([Problem(str(out), 0, 0, message)])
-        existing = next((path for path in (out, *out.absolute().parents) if exists(path)), out)
+        existing = next((path for path in (out, *out.absolute().parents) if path_exists(path)), out)
         with tempfile.TemporaryDirectory(dir=existing, prefix=".wil-"):
             pass
     except OSError as error:
@@ -95,7 +95,7 @@ def _is_too_long(out: Path) -> bool:
     return longest > _NAME_BYTES or len(os.fsencode(out)) > _PATH_BYTES - _BENEATH_BYTES
 
 
-def newest_folder(parent: Path) -> Path | None:
+def newest_campaign_folder(parent: Path) -> Path | None:
     """Return the newest campaign folder; None without one."""
     folders = [path.parent for path in parent.glob("*/campaign.json")]
     return max(folders, key=_start_key, default=None)
@@ -111,16 +111,16 @@ def make_run_folder(folder: Path, run: str) -> None:
         raise OutputError(f"{folder} cannot be created: {error.strerror or error}") from error
 
 
-def write_document(path: Path, content: str | bytes) -> None:
+def write_campaign_document(path: Path, content: str | bytes) -> None:
     """Write a document of the campaign. Raises OutputError."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        write_whole(path, content)
+        write_atomically(path, content)
     except OSError as error:
         raise OutputError(f"{path} cannot be written: {error.strerror or error}") from error
 
 
-def held(folder: Path) -> AbstractContextManager[None]:
+def locked_campaign_folder(folder: Path) -> AbstractContextManager[None]:
     """Lock a campaign's folder until the context or the process ends.
 
     Raises TakenError, and OSError where its file cannot be written.
@@ -128,7 +128,7 @@ def held(folder: Path) -> AbstractContextManager[None]:
     return _locked(folder / _LOCK, folder)
 
 
-def held_run(folder: Path) -> AbstractContextManager[None]:
+def locked_run_folder(folder: Path) -> AbstractContextManager[None]:
     """Lock a run's folder, whatever is in it, until the context or the process ends.
 
     Raises TakenError, and OSError where the file beside it cannot be written.
@@ -144,7 +144,7 @@ def _locked(file: Path, folder: Path) -> Iterator[None]:
         try:
             fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError as error:
-            raise TakenError(f"{folder} is in use by another wil-campaign") from error
+            raise FolderTakenError(f"{folder} is in use by another wil-campaign") from error
         except OSError:
             # A file system without locks cannot tell whether the folder is in use.
             pass
@@ -153,10 +153,10 @@ def _locked(file: Path, folder: Path) -> Iterator[None]:
         os.close(handle)
 
 
-def set_aside(campaign: Path, run: str) -> Path:
+def set_run_folder_aside(campaign: Path, run: str) -> Path:
     """Move a run's folder to the earlier attempts; return its new path. Raises OSError."""
     place = campaign / _EARLIER / run
-    number = len(earlier_folders(campaign, run)) + 1
+    number = len(earlier_attempt_folders(campaign, run)) + 1
     target = place.with_name(f"{place.name}-{number}")
     target.parent.mkdir(parents=True, exist_ok=True)
     (campaign / run).rename(target)
@@ -165,7 +165,7 @@ def set_aside(campaign: Path, run: str) -> Path:
     return target
 
 
-def earlier_folders(campaign: Path, run: str) -> list[Path]:
+def earlier_attempt_folders(campaign: Path, run: str) -> list[Path]:
     """Return the folders of earlier attempts at a run, oldest first."""
     place = campaign / _EARLIER / run
     folders: list[Path] = []

@@ -11,8 +11,8 @@ from importlib.metadata import Distribution, distributions
 from importlib.util import find_spec
 from pathlib import Path
 
-from wil_campaign.foundation.files.user_modules import own_file, user_files
-from wil_campaign.orchestrator.campaign.folder.named_files import as_used
+from wil_campaign.foundation.files.user_modules import user_file_path, user_files
+from wil_campaign.orchestrator.campaign.folder.named_files import path_as_used
 
 _MAX_FILES = 2000
 _OURS = "wil_campaign"
@@ -20,14 +20,14 @@ _OURS = "wil_campaign"
 
 
 @dataclass(frozen=True, slots=True)
-class Imported:
+class ImportedFiles:
     """What Python files import. files: the user's own; packages: names of distributions."""
 
     files: frozenset[Path]
     packages: frozenset[str]
 
 
-def imported_by(files: set[Path]) -> Imported:
+def files_imported_by(files: set[Path]) -> ImportedFiles:
     """Return what Python files import, directly and indirectly.
 
     This is what they have imported where this process, or the check of the autonomy, has run them,
@@ -44,12 +44,12 @@ def imported_by(files: set[Path]) -> Imported:
             origin = None if top == _OURS else _origin(module, file, named_file)
             if origin is None:
                 continue
-            if own_file(str(origin)) is None:
+            if user_file_path(str(origin)) is None:
                 packages.update(_distributions_of(top))
             elif origin not in known:
                 known.add(origin)
                 waiting.append((origin, named_file))
-    return Imported(
+    return ImportedFiles(
         frozenset(one for one in known if one.resolve() not in named), frozenset(packages)
     )
 
@@ -134,4 +134,4 @@ def _file_of(spec: ModuleSpec | None) -> Path | None:
     """Return the file of a module; None for one that is built in, or a package without code."""
     if spec is None or spec.origin is None or not spec.origin.endswith((".py", ".so")):
         return None
-    return as_used(Path(spec.origin))
+    return path_as_used(Path(spec.origin))

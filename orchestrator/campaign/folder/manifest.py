@@ -18,8 +18,8 @@ from wil_campaign.foundation.clocks.virtual_loop import Clock
 from wil_campaign.foundation.files.documents import Data, Document
 from wil_campaign.foundation.processes.linux import usable_cores
 from wil_campaign.hooks import autonomy_kinds
-from wil_campaign.installed_plugins import added, of_others
-from wil_campaign.orchestrator.campaign.folder.imported_files import imported_by
+from wil_campaign.installed_plugins import plugin_additions, third_party_plugins
+from wil_campaign.orchestrator.campaign.folder.imported_files import files_imported_by
 from wil_campaign.orchestrator.campaign.folder.named_files import document_place, named_files
 from wil_campaign.orchestrator.installation import flown_program
 from wil_campaign.orchestrator.recording.timestamps import utc_text
@@ -39,10 +39,10 @@ _VERSIONED = (
 """Packages whose version may change the flight of a run, as this program may."""
 
 
-def manifest(campaign: Campaign, clock: Clock, *, arm: bool = True) -> dict[str, object]:
+def campaign_manifest(campaign: Campaign, clock: Clock, *, arm: bool = True) -> dict[str, object]:
     """Return the content of campaign.json. arm: False for --no-arm."""
     files = _files(campaign)
-    imported = imported_by({path for path in files if path.suffix == ".py"})
+    imported = files_imported_by({path for path in files if path.suffix == ".py"})
     return {
         "campaign": campaign.name,
         "file": campaign.document.path.name,
@@ -58,7 +58,7 @@ def manifest(campaign: Campaign, clock: Clock, *, arm: bool = True) -> dict[str,
         "started_utc": utc_text(time.time()),
         "host": {"name": platform.node(), "machine": platform.machine(), "cores": usable_cores()},
         "versions": {"python": platform.python_version(), **_versions(imported.packages)},
-        "plugins": of_others(),
+        "plugins": third_party_plugins(),
         "files": _digests(files | imported.files, campaign),
         "runs": _runs(campaign),
         "requirements": [asdict(requirement) for requirement in campaign.requirements],
@@ -82,7 +82,7 @@ def judging_manifest(campaign: Campaign, flown: Mapping[str, Any]) -> dict[str, 
     return {
         "options": {"set": list(campaign.options.sets)},
         "versions": _versions(frozenset()),
-        "plugins": of_others(),
+        "plugins": third_party_plugins(),
         "files": _digests(files, campaign),
         "runs": _as_flown(campaign, flown),
         "document": campaign.document.data,
@@ -95,7 +95,7 @@ def _as_flown(campaign: Campaign, flown: Mapping[str, Any]) -> list[dict[str, ob
     The flight's number is in its campaign document, or, where an option or a part of the campaign
     set it, in the number of runs per case and mode.
     """
-    before = of_runs(flown, "documents")
+    before = manifest_run_values(flown, "documents")
     counts = Counter(name.rpartition("/")[0] for name in before)
     document = flown.get("document")
     stated = document.get("repetitions") if isinstance(document, dict) else None
@@ -112,7 +112,7 @@ def _as_flown(campaign: Campaign, flown: Mapping[str, Any]) -> list[dict[str, ob
     ]
 
 
-def of_runs(manifest: Mapping[str, Any], key: str) -> dict[str, str]:
+def manifest_run_values(manifest: Mapping[str, Any], key: str) -> dict[str, str]:
     """Return the values of a key of a manifest's runs, by run name, without damaged entries."""
     runs = manifest.get("runs")
     entries = runs if isinstance(runs, list) else []
@@ -120,13 +120,13 @@ def of_runs(manifest: Mapping[str, Any], key: str) -> dict[str, str]:
     return {run: value for run, value in stated if isinstance(run, str) and isinstance(value, str)}
 
 
-def read_files(campaign: Campaign) -> set[Path]:
+def files_read_by_campaign(campaign: Campaign) -> set[Path]:
     """Return every file that the campaign's runs read, with imported Python modules.
 
     By the names by which the runs read them: symlinks are not followed.
     """
     files = _files(campaign)
-    return files | imported_by({path for path in files if path.suffix == ".py"}).files
+    return files | files_imported_by({path for path in files if path.suffix == ".py"}).files
 
 
 def flown_versions() -> dict[str, str]:
@@ -168,7 +168,7 @@ def _given_to_code(data: Data) -> Iterator[Data]:
         for key, inner in data.items():
             if key == "with":
                 yield inner
-            elif key in added(autonomy_kinds) and isinstance(inner, list):
+            elif key in plugin_additions(autonomy_kinds) and isinstance(inner, list):
                 yield inner[1:]
             else:
                 yield from _given_to_code(inner)

@@ -14,7 +14,7 @@ _COUNTED = frozenset({"repetitions"})
 """Keys that only set the number of runs: missing runs are reported as never flown."""
 
 
-def changed_keys(before: Any, now: Any, key: str = "") -> Iterator[tuple[str, str, str]]:
+def changed_manifest_keys(before: Any, now: Any, key: str = "") -> Iterator[tuple[str, str, str]]:
     """Yield the keys of a manifest's document that differ, with their values before and now.
 
     A missing one counts as null, but differs from it: null in a case takes away what the campaign
@@ -23,7 +23,9 @@ def changed_keys(before: Any, now: Any, key: str = "") -> Iterator[tuple[str, st
     if isinstance(before, dict) and isinstance(now, dict):
         for name in dict.fromkeys((*before, *now)):
             inner = f"{key}.{name}".lstrip(".")
-            yield from changed_keys(before.get(name, _MISSING), now.get(name, _MISSING), inner)
+            yield from changed_manifest_keys(
+                before.get(name, _MISSING), now.get(name, _MISSING), inner
+            )
     elif before != now:
         yield key, _value_text(before, beside=now), _value_text(now, beside=before)
 
@@ -43,8 +45,8 @@ def changes_since_flight(
     before: the manifest of the flight. file: the campaign's file, compared key by key instead.
     """
     changes = [
-        f"{key} was {shortened(was)}, now it is {shortened(present)}"
-        for key, was, present in changed_keys(before.get("document", {}), now["document"])
+        f"{key} was {shortened_text(was)}, now it is {shortened_text(present)}"
+        for key, was, present in changed_manifest_keys(before.get("document", {}), now["document"])
         if key not in _COUNTED
     ]
     flown_files = before.get("files", {})
@@ -87,7 +89,7 @@ def changed_options(before: Mapping[str, Any], now: Mapping[str, Any]) -> list[s
     changes |= {text: "is not given" for text in was if text not in present}
     is_composed = "campaigns" in now["document"]
     return [
-        f"--set {shortened(text)} {what}"
+        f"--set {shortened_text(text)} {what}"
         for text, what in changes.items()
         if is_composed or override_from_option("--set", text).file != "campaign"
     ]
@@ -103,6 +105,6 @@ def _changed_runs(before: Mapping[str, Any], now: Mapping[str, Any]) -> list[str
     ]
 
 
-def shortened(text: str) -> str:
+def shortened_text(text: str) -> str:
     """Return a text shortened to the maximum length."""
     return text if len(text) <= _MAX_LENGTH else f"{text[: _MAX_LENGTH - 3]}..."

@@ -6,7 +6,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from wil_campaign.foundation.files.documents import Data
-from wil_campaign.foundation.files.paths import exists, is_file, is_folder
+from wil_campaign.foundation.files.paths import is_file, is_folder, path_exists
 from wil_campaign.vehicles.sources.camera_source import IMAGE_SUFFIXES
 from wil_campaign.worlds.scene.mesh_formats import files_named_by_mesh
 
@@ -39,10 +39,10 @@ def files_in_place(value: Data, beside: Path) -> Iterator[tuple[Path, Path]]:
                 yield Path(os.path.normpath(Path(name) / inner)), path
 
 
-def as_used(path: Path) -> Path:
+def path_as_used(path: Path) -> Path:
     """Return a path absolute and without `..`, with the symlinks by which its file is used."""
     plain = Path(os.path.abspath(path))  # noqa: PTH100 - Path.absolute() keeps `..`
-    return plain if exists(plain) and plain.samefile(path) else path.resolve()
+    return plain if path_exists(plain) and plain.samefile(path) else path.resolve()
 
 
 def document_place(path: Path) -> Path:
@@ -74,7 +74,7 @@ def _files_of(name: str, beside: Path) -> Iterator[Path]:
 
 def _expanded(name: Path, beside: Path) -> Path:
     """Return the absolute path that a name beside a document means. Raises RuntimeError."""
-    return as_used(beside.parent.resolve() / name.expanduser())
+    return path_as_used(beside.parent.resolve() / name.expanduser())
 
 
 def with_companions(paths: Iterable[Path]) -> list[Path]:
@@ -85,7 +85,7 @@ def with_companions(paths: Iterable[Path]) -> list[Path]:
         path = waiting.pop()
         if path not in complete:
             complete.add(path)
-            waiting.extend(as_used(one) for one in files_named_by_mesh(path))
+            waiting.extend(path_as_used(one) for one in files_named_by_mesh(path))
     return sorted(complete)
 
 

@@ -12,7 +12,7 @@ from wil_campaign.campaigns.statistics.sequential_test import SequentialTest
 from wil_campaign.orchestrator.run_results.run_result import RunResult
 
 
-def planned(campaign: Campaign, *, arm: bool) -> tuple[RunPlan, ...]:
+def runs_planned(campaign: Campaign, *, arm: bool) -> tuple[RunPlan, ...]:
     """Return the campaign's runs to fly, then its controls.
 
     Without arming: one run of each case and mode, none of them required, and no control.

@@ -17,13 +17,13 @@ from wil_campaign.campaigns.setup.vehicle_setups import FlownSetup, VehicleSetup
 from wil_campaign.orchestrator.run_results.campaign_results import VehicleKind
 from wil_campaign.vehicles.autopilots.registry import autopilot_named
 from wil_campaign.vehicles.driver import Driver
-from wil_campaign.vehicles.driver.session.identity import Identity, same_vehicle
+from wil_campaign.vehicles.driver.session.identity import VehicleIdentity, same_vehicle
 from wil_campaign.vehicles.errors import IdentifyError
 from wil_campaign.vehicles.links.link import Link
 from wil_campaign.vehicles.links.link_conditions import (
     LinkConditions,
     LinkSite,
-    under_conditions,
+    link_under_conditions,
 )
 from wil_campaign.vehicles.links.link_factory import open_link
 from wil_campaign.vehicles.links.link_strings import LinkAddress
@@ -48,7 +48,7 @@ class AttachedVehicle:
 
     name: str
     address: str
-    identity: Identity
+    identity: VehicleIdentity
     place_deg: tuple[float, float] | None
     battery: float | None
     armed: bool
@@ -119,7 +119,7 @@ def attached_vehicles(campaign: Campaign) -> tuple[FlownSetup, ...]:
     )
 
 
-def with_open_poses(campaign: Campaign) -> tuple[str, ...]:
+def vehicles_with_open_poses(campaign: Campaign) -> tuple[str, ...]:
     """Return the vehicles whose pose source the campaign leaves open in each of its cases.
 
     None of a composition: a setting holds for all of its parts, which may lack the vehicle.
@@ -164,7 +164,9 @@ def _kind_of(real: FlownSetup, identified: AttachedVehicle | None) -> VehicleKin
     return "sitl" if identified.identity.simulation else "hardware"
 
 
-async def find_all(vehicles: Iterable[FlownSetup], timeout_s: float) -> tuple[AttachedVehicle, ...]:
+async def find_attached_vehicles(
+    vehicles: Iterable[FlownSetup], timeout_s: float
+) -> tuple[AttachedVehicle, ...]:
     """Connect to the attached vehicles and identify them. Raises the first VehicleError.
 
     Nothing is changed in the vehicles, and their links are closed again.
@@ -187,7 +189,7 @@ async def _find(vehicle: FlownSetup, timeout_s: float) -> AttachedVehicle:
     signed = vehicle.signing is not None
     raw = [open_link(address, signed=signed) for address in vehicle.addresses]
     site = LinkSite(vehicle.system_id)
-    link = under_conditions(raw, conditions, utc_s=time.time(), site=site).link
+    link = link_under_conditions(raw, conditions, utc_s=time.time(), site=site).link
     driver = Driver(
         name=vehicle.name,
         link=link,
@@ -200,7 +202,7 @@ async def _find(vehicle: FlownSetup, timeout_s: float) -> AttachedVehicle:
     return await _identify(driver, raw, address=link.name, timeout_s=timeout_s)
 
 
-async def find_at(address: LinkAddress, timeout_s: float) -> AttachedVehicle:
+async def find_vehicle_at(address: LinkAddress, timeout_s: float) -> AttachedVehicle:
     """Connect to the vehicle at an address and identify it. Raises VehicleError.
 
     Nothing is changed in it, and the link is closed again.
@@ -236,12 +238,12 @@ async def _identify(
         )
 
 
-def _has_sent_truth(driver: Driver, identity: Identity) -> bool:
+def _has_sent_truth(driver: Driver, identity: VehicleIdentity) -> bool:
     """Return whether a ground truth has come, or is not waited for."""
     return bool(driver.truth.count) or not (driver.truth.wanted and identity.simulation)
 
 
-def _truth_message(identity: Identity) -> str:
+def _truth_message(identity: VehicleIdentity) -> str:
     return message_name(autopilot_named(identity.autopilot).truth_message_id)
 
 

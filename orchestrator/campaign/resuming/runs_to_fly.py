@@ -9,17 +9,17 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from wil_campaign.campaigns.expansion.expansion import Campaign, RunPlan
-from wil_campaign.foundation.files.document_writer import to_json, write_whole
-from wil_campaign.foundation.files.limited_json import loads_limited
+from wil_campaign.foundation.files.document_writer import to_json, write_atomically
+from wil_campaign.foundation.files.limited_json import loads_limited_json
 from wil_campaign.hooks import engines
-from wil_campaign.installed_plugins import absent, added, load
+from wil_campaign.installed_plugins import absent_additions, load_plugin_object, plugin_additions
 from wil_campaign.orchestrator.campaign.folder.campaign_folder import (
+    FolderTakenError,
     OutputError,
-    TakenError,
-    earlier_folders,
-    held_run,
+    earlier_attempt_folders,
+    locked_run_folder,
     make_run_folder,
-    set_aside,
+    set_run_folder_aside,
 )
 from wil_campaign.orchestrator.campaign.folder.repetitions import runs_due
 from wil_campaign.orchestrator.campaign.resuming.cluster_ledger import (
@@ -38,7 +38,7 @@ from wil_campaign.orchestrator.campaign.workers.run_workers import WorkerLost
 from wil_campaign.orchestrator.run_results.attempts import (
     after_attempts,
     attempt_of,
-    failed_too,
+    failed_too_text,
     is_cut_off,
     retry_due,
 )
@@ -47,7 +47,7 @@ from wil_campaign.orchestrator.run_results.result_reader import (
     read_result,
     read_summary,
 )
-from wil_campaign.orchestrator.run_results.run_result import Attempt, RunResult
+from wil_campaign.orchestrator.run_results.run_result import EarlierAttempt, RunResult
 from wil_campaign.orchestrator.state.run_log import read_cut_log
 
 
@@ -75,7 +75,7 @@ def _fault_text(line: bytes) -> str:
     A line that was cut off counts as one: the log of a campaign has nothing else.
     """
     try:
-        event = loads_limited(line)
+        event = loads_limited_json(line)
         if event["event"] != "error":
             return ""
         return f"{event['where']}: {event['type']}: {event['message']}"
@@ -100,7 +100,7 @@ class ResumedCampaign:
     """
 
     results: Mapping[str, RunResult]
-    attempts: Mapping[str, tuple[Attempt, ...]]
+    attempts: Mapping[str, tuple[EarlierAttempt, ...]]
     is_broken: bool = False
 
 
@@ -134,12 +134,12 @@ def _fetch_runs(folder: Path, say: Say) -> None:
     """Have engines fetch the runs that they flew elsewhere. Raises ResumeError, OutputError."""
     if not campaign_places(folder):
         return
-    fetches = [engine.fetch for engine in added(engines).values() if engine.fetch]
+    fetches = [engine.fetch for engine in plugin_additions(engines).values() if engine.fetch]
     if not fetches:
-        why = "; ".join(absent(engines).values()) or "no plugin's engine can fetch them"
+        why = "; ".join(absent_additions(engines).values()) or "no plugin's engine can fetch them"
         raise ResumeError(f"{folder} has runs in a store: {why}")
     for fetch in fetches:
-        load(fetch)(folder, say=say)
+        load_plugin_object(fetch)(folder, say=say)
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,7 +152,7 @@ class _RunsToFly:
     say: Say
     orders: Mapping[str, OpenOrder]
     results: dict[str, RunResult] = field(default_factory=dict)
-    attempts: dict[str, tuple[Attempt, ...]] = field(default_factory=dict)
+    attempts: dict[str, tuple[EarlierAttempt, ...]] = field(default_factory=dict)
 
     def resume(self) -> ResumedCampaign:
         """Return the folder's results. Raises ResumeError, OutputError, OSError."""
@@ -219,7 +219,9 @@ class _RunsToFly:
         """Return whether a run was cut off after its verdict, and has to be flown to its end."""
         return self.rules.repeats_cut_off and is_cut_off(result)
 
-    def _loss_text(self, plan: RunPlan, result: RunResult | str, earlier: list[Attempt]) -> str:
+    def _loss_text(
+        self, plan: RunPlan, result: RunResult | str, earlier: list[EarlierAttempt]
+    ) -> str:
         """Return what is known about a begun run that may not be flown again; "" for others."""
         if isinstance(result, str) and self._failure(plan.name, result):
             return result
@@ -242,29 +244,31 @@ class _RunsToFly:
         log = read_cut_log(self.folder / name / "log.jsonl")
         return next(
             (
-                failed_too(decisive_event.text)
+                failed_too_text(decisive_event.text)
                 for decisive_event in log.decisive
                 if decisive_event.kind == "FAIL"
             ),
             "",
         )
 
-    def _earlier_attempts(self, plan: RunPlan) -> list[Attempt]:
-        places = earlier_folders(self.folder, plan.name)
+    def _earlier_attempts(self, plan: RunPlan) -> list[EarlierAttempt]:
+        places = earlier_attempt_folders(self.folder, plan.name)
         return [self._attempt_in(place) for place in places]
 
-    def _attempt_in(self, place: Path) -> Attempt:
+    def _attempt_in(self, place: Path) -> EarlierAttempt:
         """Return the earlier attempt in a folder that was set aside."""
         name = str(place.relative_to(self.folder))
         try:
             return self._attempt_of(read_result(place / _RESULT), name)
         except ResultError:
-            return Attempt(None, _CUT_OFF, name)
+            return EarlierAttempt(None, _CUT_OFF, name)
 
-    def _attempt_of(self, result: RunResult, place: str) -> Attempt:
+    def _attempt_of(self, result: RunResult, place: str) -> EarlierAttempt:
         """Return a result as an earlier attempt; one that was cut off does not count as a retry."""
         if result.verdict != "ABORTED" and self._was_cut_off(result):
-            return Attempt(None, f"in flight, after {result.verdict}: {result.reason}", place)
+            return EarlierAttempt(
+                None, f"in flight, after {result.verdict}: {result.reason}", place
+            )
         return attempt_of(result, place)
 
     def _keep_result(self, plan: RunPlan, result: RunResult) -> None:
@@ -273,13 +277,15 @@ class _RunsToFly:
         if (order := self.orders.get(plan.name)) is not None:
             close_order(self.folder, order, "found", result.verdict)
 
-    def _plan_flight(self, plan: RunPlan, result: RunResult | str, earlier: list[Attempt]) -> None:
+    def _plan_flight(
+        self, plan: RunPlan, result: RunResult | str, earlier: list[EarlierAttempt]
+    ) -> None:
         """Plan the flight of a run; set aside what an earlier flight has left."""
         why = "it had not begun"
         if result:
-            place = set_aside(self.folder, plan.name).relative_to(self.folder)
+            place = set_run_folder_aside(self.folder, plan.name).relative_to(self.folder)
             last = (
-                Attempt(None, result, str(place))
+                EarlierAttempt(None, result, str(place))
                 if isinstance(result, str)
                 else self._attempt_of(result, str(place))
             )
@@ -299,7 +305,7 @@ class _RunsToFly:
         make_run_folder(home, plan.name)
         if (home / _RESULT).exists():
             (home / _RESULT).rename(home / _DAMAGED)
-        write_whole(home / _RESULT, to_json(result))
+        write_atomically(home / _RESULT, to_json(result))
         self.results[plan.name] = result
         if (order := self.orders.get(plan.name)) is not None:
             close_order(self.folder, order, "lost", why)
@@ -327,9 +333,9 @@ def _await_landing(home: Path, say: Say) -> None:
     is_reported = False
     for _ in range(round(_LANDED_S / _POLL_S)):
         try:
-            with held_run(home):
+            with locked_run_folder(home):
                 return
-        except TakenError:
+        except FolderTakenError:
             if not is_reported:
                 say(f"{home} is still in flight: waiting until it has landed")
                 is_reported = True

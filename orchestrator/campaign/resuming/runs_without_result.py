@@ -6,10 +6,10 @@ from pathlib import Path
 from wil_campaign.campaigns.expansion.expansion import Campaign, RunPlan
 from wil_campaign.orchestrator.campaign.resuming.attached_vehicles import attached_vehicles
 from wil_campaign.orchestrator.campaign.workers.run_workers import WorkerLost
-from wil_campaign.orchestrator.run_results.attempts import failed_too
+from wil_campaign.orchestrator.run_results.attempts import failed_too_text
 from wil_campaign.orchestrator.run_results.run_result import RunResult, result_without_parts
 from wil_campaign.orchestrator.state.run_log import read_cut_log
-from wil_campaign.safety.model.verdict import DecisiveEvent, decide
+from wil_campaign.safety.model.verdict import DecisiveEvent, decide_verdict
 
 _AFTER_LOG_S = 0.001
 """What decided at the last time of the log came before the loss."""
@@ -73,11 +73,11 @@ def lost_result(plan: RunPlan, lost: WorkerLost, folder: Path) -> RunResult:
     )
     lost_s = min(aborted_s, default=log.end_s + _AFTER_LOG_S)
     loss = DecisiveEvent(lost_s, "FAIL" if is_subject else "ERROR", text, source)
-    decision = decide((*decided, loss), (), end_s=lost_s)
+    decision = decide_verdict((*decided, loss), (), end_s=lost_s)
     failures = (
         decisive_event.text for decisive_event in decision.also if decisive_event.kind == "FAIL"
     )
-    no_retry = next(map(failed_too, failures), lost.no_retry)
+    no_retry = next(map(failed_too_text, failures), lost.no_retry)
     if flew and not is_subject and not no_retry:
         no_retry = "its process ended after the goal was given, with the autonomy in it"
     faults = [

@@ -6,9 +6,12 @@ from pathlib import Path
 from typing import Any
 
 from wil_campaign.foundation.files.document_writer import to_json
-from wil_campaign.foundation.files.limited_json import read_json
-from wil_campaign.orchestrator.campaign.folder.campaign_folder import newest_folder
-from wil_campaign.orchestrator.campaign.folder.manifest_changes import changed_keys, changed_plugins
+from wil_campaign.foundation.files.limited_json import read_limited_json
+from wil_campaign.orchestrator.campaign.folder.campaign_folder import newest_campaign_folder
+from wil_campaign.orchestrator.campaign.folder.manifest_changes import (
+    changed_manifest_keys,
+    changed_plugins,
+)
 
 
 class ResumeError(Exception):
@@ -22,7 +25,7 @@ def resumed_folder(out: Path, campaign: str) -> Path:
     """
     if (out / "campaign.json").is_file():
         return out
-    newest = newest_folder(out / campaign)
+    newest = newest_campaign_folder(out / campaign)
     if newest is None:
         raise ResumeError(
             f"there is nothing to resume: no campaign.json in {out}, nor beneath {out / campaign}; "
@@ -38,7 +41,7 @@ def resumed_manifest(folder: Path, now: Mapping[str, object]) -> Mapping[str, ob
     """
     path = folder / "campaign.json"
     try:
-        before = read_json(path)
+        before = read_limited_json(path)
     except (OSError, ValueError) as error:
         raise ResumeError(f"{path} cannot be read: {error}") from error
     present = json.loads(to_json(now))
@@ -68,7 +71,7 @@ def _differences(before: Mapping[str, Any], now: Mapping[str, Any]) -> Iterator[
         yield f"{name} was {was}, now it is {present}"
     yield from changed_plugins(before, now)
     if before["document"] != now["document"] and not files:
-        for key, was, present in changed_keys(before["document"], now["document"]):
+        for key, was, present in changed_manifest_keys(before["document"], now["document"]):
             yield f"{key} was {was}, now it is {present} (an option, or --set {key}=...)"
     elif before["runs"] != now["runs"] and not files:
         yield from _different_runs(before, now)

@@ -36,7 +36,7 @@ from wil_campaign.orchestrator.campaign.workers.run_workers import (
     WorkerLost,
 )
 from wil_campaign.orchestrator.operator.run_messages import FlightPlace, News, ProgressLimiter
-from wil_campaign.orchestrator.state.call_marker import CallMark, adopt_mark
+from wil_campaign.orchestrator.state.call_marker import CallMark, adopt_call_mark
 from wil_campaign.safety.guard.core.operator_command import OperatorCommand
 from wil_campaign.vehicles.vehicle_server_process import (
     VehicleServerProcess,
@@ -142,7 +142,7 @@ def _work(
 
 def _adopt(environment: Mapping[str, str], sent: _Sent) -> None:
     """Take over what the campaign's process gives a worker."""
-    adopt_mark(sent.mark.number)
+    adopt_call_mark(sent.mark.number)
     if sent.vehicle_server is not None:
         inherit_vehicle_server(sent.vehicle_server.number)
     # The run server may have started with another environment and terminal than the campaign.

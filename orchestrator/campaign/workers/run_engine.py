@@ -12,7 +12,7 @@ from wil_campaign.orchestrator.campaign.workers.run_order import (
     flies_processes,
     fly_order,
 )
-from wil_campaign.orchestrator.campaign.workers.run_workers import Workers
+from wil_campaign.orchestrator.campaign.workers.run_workers import WorkerStarter
 from wil_campaign.orchestrator.run_results.run_result import RunResult
 from wil_campaign.orchestrator.state.run_setup import RunOrder
 
@@ -37,7 +37,7 @@ class RunEngine(Protocol):
 
     def workers(
         self, campaign: Campaign, folder: Path, say: Callable[[str], None]
-    ) -> Workers[RunOrder, RunResult]:
+    ) -> WorkerStarter[RunOrder, RunResult]:
         """Return the workers of a campaign. folder: of its results, which exists.
 
         say: shows the user a sentence. Raises EngineError.

@@ -15,20 +15,20 @@ from dataclasses import replace
 from pathlib import Path
 
 from wil_campaign.campaigns.setup.case_files import CaseFiles
-from wil_campaign.foundation.files.document_writer import sync_files, to_json, write_whole
+from wil_campaign.foundation.files.document_writer import sync_files, to_json, write_atomically
 from wil_campaign.foundation.files.documents import Document
 from wil_campaign.foundation.files.user_modules import all_user_files, forget_user_modules
 from wil_campaign.foundation.processes.linux import processor_wait_s
 from wil_campaign.hooks import recording_formats
-from wil_campaign.installed_plugins import added, load
+from wil_campaign.installed_plugins import load_plugin_object, plugin_additions
 from wil_campaign.orchestrator.campaign.folder.campaign_folder import (
     OutputError,
-    held_run,
+    locked_run_folder,
     make_run_folder,
 )
 from wil_campaign.orchestrator.campaign.folder.named_files import document_place
-from wil_campaign.orchestrator.campaign.workers.run_output import kept_output
-from wil_campaign.orchestrator.operator.run_messages import Inbox, Progress, Report
+from wil_campaign.orchestrator.campaign.workers.run_output import redirected_run_output
+from wil_campaign.orchestrator.operator.run_messages import OperatorInbox, Report, RunProgressReport
 from wil_campaign.orchestrator.run_results.attempts import after_attempts
 from wil_campaign.orchestrator.run_results.result_reader import ResultError, read_result
 from wil_campaign.orchestrator.run_results.run_result import RunResult
@@ -125,7 +125,7 @@ def _require_unflown(folder: Path) -> None:
         raise OutputError(f"{folder} has a result already: the campaign gave this run up")
 
 
-def fly_order(order: RunOrder, report: Report, inbox: Inbox) -> RunResult:
+def fly_order(order: RunOrder, report: Report, inbox: OperatorInbox) -> RunResult:
     """Fly the run of an order and write its result.json; return the result once on the disk.
 
     The run's folder is locked meanwhile: a resumed campaign waits until this has landed, also
@@ -136,30 +136,30 @@ def fly_order(order: RunOrder, report: Report, inbox: Inbox) -> RunResult:
     import cv2  # noqa: PLC0415
 
     from wil_campaign.orchestrator.recording import run_video  # noqa: PLC0415
-    from wil_campaign.orchestrator.run.flight.run import fly  # noqa: PLC0415
+    from wil_campaign.orchestrator.run.flight.run import fly_one_run  # noqa: PLC0415
     from wil_campaign.orchestrator.run.stages.return_flight import return_setup  # noqa: PLC0415
 
     order = resolve_order(order)
     cv2.setNumThreads(1)  # runs share the cores by processes
     forget_user_modules()  # an earlier run of this process must not affect this one
     make_run_folder(order.folder, order.plan.name)
-    with held_run(order.folder):
+    with locked_run_folder(order.folder):
         _require_unflown(order.folder)
-        with kept_output(order.folder):
+        with redirected_run_output(order.folder):
             with limited_loading():
                 setup = RunSetup.of(order)
             if order.back is not None:
                 setup = return_setup(setup, order.back)
-            result = after_attempts(fly(setup, report, inbox), order.attempts)
+            result = after_attempts(fly_one_run(setup, report, inbox), order.attempts)
             result = replace(result, code=_imported_code(order))
             order.folder.mkdir(parents=True, exist_ok=True)  # it may have been removed in flight
             sync_files(order.folder)
             _require_unflown(order.folder)  # a file system may have no locks
-            write_whole(order.folder / _RESULT, to_json(result))
+            write_atomically(order.folder / _RESULT, to_json(result))
             if _is_filmed(setup, result):
                 result = _with_file(order, result, report, run_video.FILE_NAME, _film)
             for name in setup.case.record.also:
-                made = load(added(recording_formats)[name].write)
+                made = load_plugin_object(plugin_additions(recording_formats)[name].write)
                 result = _with_file(order, result, report, f"the recording as {name}", made)
     return result
 
@@ -195,7 +195,7 @@ def _with_file(
         # A process that sends nothing for long is taken for one that hangs.
         run = (result.case, result.mode, result.rep)
         verdict = result.verdict
-        progress = Progress(
+        progress = RunProgressReport(
             *run, "end", result.duration_s or 0.0, verdict_so_far=verdict, text=f"{text} is made"
         )
         report(progress)
@@ -206,7 +206,7 @@ def _with_file(
             return result
         files = tuple(sorted({*result.artifacts, name}))
         extended = replace(result, artifacts=files)
-        write_whole(order.folder / _RESULT, to_json(extended))
+        write_atomically(order.folder / _RESULT, to_json(extended))
     except Exception as error:  # noqa: BLE001 - the result is worth more than what is made of it
         sys.stderr.write(f"{text} was not made: {type(error).__name__}: {error}\n")
         return result

@@ -14,7 +14,7 @@ _TAIL_BYTES = 4096
 
 
 @contextmanager
-def kept_output(folder: Path) -> Iterator[None]:
+def redirected_run_output(folder: Path) -> Iterator[None]:
     """Write the process's output to the run's folder while in the context; no output, no file.
 
     This covers file descriptors 1 and 2: the user's autonomy and steps, their children, and
@@ -44,7 +44,7 @@ def kept_output(folder: Path) -> Iterator[None]:
             path.unlink(missing_ok=True)
 
 
-def output_tail(folder: Path, lines: int) -> list[str]:
+def run_output_tail(folder: Path, lines: int) -> list[str]:
     """Return the last lines of a run's output; empty without any."""
     try:
         with (folder / OUTPUT_FILE).open("rb") as file:

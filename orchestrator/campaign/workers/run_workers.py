@@ -4,15 +4,15 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Generic, Protocol, TypeVar
 
-from wil_campaign.orchestrator.operator.run_messages import FlightPlace, Inbox, Report
-from wil_campaign.orchestrator.state.faults import Fault
+from wil_campaign.orchestrator.operator.run_messages import FlightPlace, OperatorInbox, Report
+from wil_campaign.orchestrator.state.faults import InternalFault
 from wil_campaign.safety.guard.core.operator_command import OperatorCommand
 
 Order = TypeVar("Order")
 Outcome = TypeVar("Outcome")
 OrderT_contra = TypeVar("OrderT_contra", contravariant=True)
 OutcomeT_co = TypeVar("OutcomeT_co", covariant=True)
-Fly = Callable[[Order, Report, Inbox], Outcome]
+Fly = Callable[[Order, Report, OperatorInbox], Outcome]
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,10 +33,10 @@ class WorkerLost:
     no_retry: str = ""
 
     @property
-    def fault(self) -> Fault:
+    def fault(self) -> InternalFault:
         """Return the exception that the worker raised."""
         message = self.reason.removeprefix(f"{self.kind}: ")
-        return Fault(0.0, "the worker process", self.kind, message, self.details)
+        return InternalFault(0.0, "the worker process", self.kind, message, self.details)
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,7 +78,7 @@ class Worker(Protocol[OrderT_contra, OutcomeT_co]):
         """End a worker that has done its order; return in words what was wrong with its end."""
 
 
-class Workers(Protocol[OrderT_contra, OutcomeT_co]):
+class WorkerStarter(Protocol[OrderT_contra, OutcomeT_co]):
     """Starts workers (protocol)."""
 
     async def start(self) -> Worker[OrderT_contra, OutcomeT_co]:

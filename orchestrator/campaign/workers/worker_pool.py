@@ -11,14 +11,14 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import Generic
 
-from wil_campaign.foundation.tasks import finish, start, stop
+from wil_campaign.foundation.tasks import finish_in_task, start_task, stop_tasks
 from wil_campaign.orchestrator.campaign.workers.run_workers import (
     Order,
     OrderDone,
     Outcome,
     Worker,
     WorkerLost,
-    Workers,
+    WorkerStarter,
 )
 from wil_campaign.orchestrator.operator.run_messages import FlightPlace, News, Report
 from wil_campaign.safety.guard.core.operator_command import OperatorCommand
@@ -56,7 +56,7 @@ class _BusyWorker(Generic[Order, Outcome]):
         disk): what the worker has sent meanwhile is read first.
         """
         turn_s = min(_TURN_S, self.left_s / _LEAST_TURNS)
-        receiving = start(self.worker.receive(), name=f"message of {self.run}")
+        receiving = start_task(self.worker.receive(), name=f"message of {self.run}")
         try:
             while self.left_s > 0.0:
                 done, _ = await asyncio.wait([receiving], timeout=turn_s)
@@ -66,10 +66,10 @@ class _BusyWorker(Generic[Order, Outcome]):
             raise TimeoutError
         finally:
             with suppress(EOFError, OSError):
-                await stop(receiving)
+                await stop_tasks(receiving)
 
 
-class Pool(Generic[Order, Outcome]):
+class WorkerPool(Generic[Order, Outcome]):
     """A pool of up to `jobs` workers that fly orders.
 
     done: called with an order and its outcome; an order that it returns is flown next. ready:
@@ -85,7 +85,7 @@ class Pool(Generic[Order, Outcome]):
         self,
         *,
         jobs: int,
-        workers: Workers[Order, Outcome],
+        workers: WorkerStarter[Order, Outcome],
         report: Report,
         done: Callable[[Order, Outcome | WorkerLost], Order | None],
         stall_s: float = 60.0,
@@ -193,7 +193,7 @@ class Pool(Generic[Order, Outcome]):
 
     async def _end(self, worker: Worker[Order, Outcome], *, is_lost: bool) -> None:
         """End a worker; report a problem with that, unless its run is lost anyway."""
-        ended = await finish(worker.end(), name="the end of a worker")
+        ended = await finish_in_task(worker.end(), name="the end of a worker")
         if ended and not is_lost:
             self._ended_badly(ended)
 
@@ -209,18 +209,18 @@ class Pool(Generic[Order, Outcome]):
         Starting the run server takes seconds, and a place on a cluster may take long; signals are
         handled meanwhile.
         """
-        starting = start(self._workers.start(), name="the start of a worker")
-        needless = start(self._needless.wait(), name="the end of waiting orders")
+        starting = start_task(self._workers.start(), name="the start of a worker")
+        needless = start_task(self._needless.wait(), name="the end of waiting orders")
         try:
             await asyncio.wait([starting, needless], return_when=asyncio.FIRST_COMPLETED)
         except asyncio.CancelledError:
-            await stop(needless, starting)
+            await stop_tasks(needless, starting)
             if not starting.cancelled():
                 starting.result().kill()
             raise
-        await stop(needless)
+        await stop_tasks(needless)
         if not starting.done():
-            await stop(starting)
+            await stop_tasks(starting)
         return None if starting.cancelled() else starting.result()
 
     async def _fly_one(self, worker: Worker[Order, Outcome], order: Order) -> Outcome | WorkerLost:

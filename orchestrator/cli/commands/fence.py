@@ -7,9 +7,9 @@ from pathlib import Path
 
 from wil_campaign.orchestrator.cli.commands.operate import All, account, who_option
 from wil_campaign.orchestrator.cli.flight_choice import NONE_OBEYED, TypedCommand, choose_flights
-from wil_campaign.orchestrator.cli.standard_streams import err, out
-from wil_campaign.orchestrator.operator.campaign_records import Place
-from wil_campaign.orchestrator.operator.socket_client import NoAnswerError, ask
+from wil_campaign.orchestrator.cli.standard_streams import write_stderr, write_stdout
+from wil_campaign.orchestrator.operator.campaign_records import OperatorPlace
+from wil_campaign.orchestrator.operator.socket_client import NoAnswerError, ask_operator_socket
 from wil_campaign.safety.guard.operator.operator_lines import LONGEST_LINE_BYTES
 
 _ANSWERS_S = 60.0
@@ -43,10 +43,10 @@ def fence(
     try:
         document = file.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
-        err(f"{file} cannot be read: {error}")
+        write_stderr(f"{file} cannot be read: {error}")
         return 2
     if len(document.encode()) > _LONGEST_FILE_BYTES:
-        err(f"{file} has more than {_LONGEST_FILE_BYTES} bytes")
+        write_stderr(f"{file} has more than {_LONGEST_FILE_BYTES} bytes")
         return 2
     typed = TypedCommand("change the fence of", ("fence", str(file)), who_option(who))
     flying = choose_flights(folder, typed, is_all=all_)
@@ -60,23 +60,27 @@ def fence(
         for guard in places.guards
     ]
     for guard in orphans:
-        err(f"{guard.name}: its program has ended; its guard keeps the present fence, and lands")
+        write_stderr(
+            f"{guard.name}: its program has ended; its guard keeps the present fence, and lands"
+        )
     with ThreadPoolExecutor(max(1, len(flying.campaigns))) as threads:
         asked = threads.map(lambda one: _change_fences(one, document, by), flying.campaigns)
         answers = list(asked)
     return 0 if answers and all(answers) and not orphans else NONE_OBEYED
 
 
-def _change_fences(campaign: Place, document: str, who: str) -> bool:
+def _change_fences(campaign: OperatorPlace, document: str, who: str) -> bool:
     """Ask a campaign to change fences, print its runs' replies; return whether all did.
 
     A run that ends before it answers needs no fence; but one run at least must have taken it.
     """
     command_id = secrets.token_hex(8)
     try:
-        answer = ask(campaign.socket, "geofence", who=who, geofence=document, id=command_id)
+        answer = ask_operator_socket(
+            campaign.socket, "geofence", who=who, geofence=document, id=command_id
+        )
         if answer.get("ok") is not True:
-            err(f"{campaign.name}: {answer.get('text', '')}")
+            write_stderr(f"{campaign.name}: {answer.get('text', '')}")
             return False
         waiting = set(answer["flying"])
         obeyed, is_answered = True, False
@@ -84,25 +88,29 @@ def _change_fences(campaign: Place, document: str, who: str) -> bool:
         give_up_s = time.monotonic() + _ANSWERS_S
         while waiting and time.monotonic() < give_up_s:
             time.sleep(_POLL_S)
-            status = ask(campaign.socket, "status", who=who)
+            status = ask_operator_socket(campaign.socket, "status", who=who)
             for reply in status["answers"]:
                 if reply["id"] == command_id and reply["run"] in waiting:
                     waiting.discard(reply["run"])
                     is_answered = True
                     obeyed = obeyed and reply["ok"]
-                    (out if reply["ok"] else err)(f"{reply['run']}: {reply['text']}")
+                    (write_stdout if reply["ok"] else write_stderr)(
+                        f"{reply['run']}: {reply['text']}"
+                    )
             for run in sorted(waiting - set(status["flying"])):
                 waiting.discard(run)
                 ended.append(run)
     except NoAnswerError as error:
-        err(error)
+        write_stderr(error)
         return False
     for run in sorted(waiting):
-        err(f"{run}: no answer within {_ANSWERS_S:g} s")
+        write_stderr(f"{run}: no answer within {_ANSWERS_S:g} s")
     for run in ended if is_answered or waiting else ():
-        err(f"{run}: ended before it answered: whether its vehicles got the fence is not known")
+        write_stderr(
+            f"{run}: ended before it answered: whether its vehicles got the fence is not known"
+        )
     if not waiting and not is_answered:
-        err(
+        write_stderr(
             f"{campaign.name}: no run confirmed the fence: each ended before it answered; send the "
             "fence again when a run is in flight (`wil-campaign watch` shows them)"
         )

@@ -6,13 +6,13 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from wil_campaign.campaigns.expansion.expansion import Options, load_campaign
+from wil_campaign.campaigns.expansion.expansion import ExpansionOptions, load_campaign
 from wil_campaign.campaigns.setup.bench_file import load_benches
 from wil_campaign.foundation.files.document_writer import to_json
 from wil_campaign.orchestrator.campaign.reevaluation import Reevaluation, judge_campaign_again
 from wil_campaign.orchestrator.cli.announcements import announce_verdicts
-from wil_campaign.orchestrator.cli.standard_streams import err, out
-from wil_campaign.orchestrator.cli.text_table import table
+from wil_campaign.orchestrator.cli.standard_streams import write_stderr, write_stdout
+from wil_campaign.orchestrator.cli.text_table import table_lines
 from wil_campaign.orchestrator.cli.verdict_table import closing_lines
 from wil_campaign.orchestrator.recording.errors import RecordingError
 
@@ -57,7 +57,7 @@ def judge(
     """
     campaign = load_campaign(
         file,
-        Options(
+        ExpansionOptions(
             cases=case,
             modes=mode,
             repetitions=repetitions,
@@ -69,25 +69,25 @@ def judge(
     try:
         judgement = judge_campaign_again(campaign, folder)
     except RecordingError as error:
-        err(error)
+        write_stderr(error)
         return 3
     if json_:
         document = {
             **asdict(judgement.summary),
             "changed_since_flight": judgement.changed_since_flight,
         }
-        out(to_json(document).rstrip())
+        write_stdout(to_json(document).rstrip())
     else:
         rows = [_row(each) for each in judgement.runs]
-        out(table(("run", "flown", "now", "reason"), rows))
+        write_stdout(table_lines(("run", "flown", "now", "reason"), rows))
         for change in _changes(judgement.runs):
-            out(change)
+            write_stdout(change)
         for line in closing_lines(
             judgement.summary,
             campaign.requirements,
             changed_since_flight=judgement.changed_since_flight,
         ):
-            out(line.plain)
+            write_stdout(line.plain)
     announce_verdicts(campaign, judgement.summary, folder)
     return judgement.exit_code
 

@@ -10,22 +10,22 @@ from typing import Annotated, Any, Literal
 from cyclopts import Parameter
 
 from wil_campaign import campaigns
-from wil_campaign.campaigns.schema.part_summaries import summary_of
+from wil_campaign.campaigns.schema.part_summaries import part_summary
 from wil_campaign.campaigns.schema.sensors import sensor_parts
 from wil_campaign.campaigns.setup.autonomy_under_test import shipped_autonomies
-from wil_campaign.foundation.files.documents import BadInput, load
-from wil_campaign.installed_plugins import installed
-from wil_campaign.orchestrator.cli.standard_streams import out
-from wil_campaign.orchestrator.cli.text_table import table
+from wil_campaign.foundation.files.documents import BadInput, load_document
+from wil_campaign.installed_plugins import installed_plugins_by_name
+from wil_campaign.orchestrator.cli.standard_streams import write_stdout
+from wil_campaign.orchestrator.cli.text_table import table_lines
 from wil_campaign.recipes.language.step_docs import StepDoc, describe_step
-from wil_campaign.recipes.model.registry import steps
+from wil_campaign.recipes.model.registry import registered_steps
 from wil_campaign.safety.oracles.oracle_docs import (
-    ParameterDoc,
+    OracleParameterDoc,
     common_parameters,
     describe_oracles,
 )
 from wil_campaign.safety.oracles.registry import oracle_kinds
-from wil_campaign.vehicles.autopilots.registry import strategies
+from wil_campaign.vehicles.autopilots.registry import autopilot_strategies
 from wil_campaign.vehicles.readings import sensor_names
 
 What = Literal[
@@ -68,13 +68,17 @@ def list_available(
     """
     rows = _subjects() if what is None else _LISTS[what]()
     if json_:
-        out(json.dumps(rows, indent=2, ensure_ascii=False))
+        write_stdout(json.dumps(rows, indent=2, ensure_ascii=False))
     elif what == "oracles":
-        out(_oracle_text())
+        write_stdout(_oracle_text())
     elif what == "operators":
-        out("\n".join(line for kind in steps() for line in _step_lines(describe_step(kind))))
+        write_stdout(
+            "\n".join(
+                line for kind in registered_steps() for line in _step_lines(describe_step(kind))
+            )
+        )
     elif rows:
-        out(table(tuple(rows[0]), [tuple(map(str, row.values())) for row in rows]))
+        write_stdout(table_lines(tuple(rows[0]), [tuple(map(str, row.values())) for row in rows]))
     return 0
 
 
@@ -91,7 +95,7 @@ def _campaigns() -> list[Row]:
 def _campaign(path: Path) -> Row:
     """Return the name and description of a campaign file for the listing, unchecked."""
     try:
-        document = load(path)
+        document = load_document(path)
     except BadInput as error:
         return {"name": "?", "file": str(path), "description": error.problems[0].message}
     name, description = document.get(("campaign",)), document.get(("description",))
@@ -99,7 +103,7 @@ def _campaign(path: Path) -> Row:
 
 
 def _operators() -> list[Row]:
-    return [asdict(describe_step(kind)) for kind in steps()]
+    return [asdict(describe_step(kind)) for kind in registered_steps()]
 
 
 def _autonomies() -> list[Row]:
@@ -123,7 +127,7 @@ def _sensors() -> list[Row]:
         {
             "name": name,
             "keys": ", ".join(key for key in part.model_fields if key != "type"),
-            "summary": summary_of(part),
+            "summary": part_summary(part),
         }
         for name, part in zip(sensor_names(), sensor_parts(), strict=True)
     ]
@@ -132,7 +136,7 @@ def _sensors() -> list[Row]:
 def _autopilots() -> list[Row]:
     return [
         {"name": each.name, "firmware": each.label, "from": ".".join(map(str, each.oldest_version))}
-        for each in strategies().values()
+        for each in autopilot_strategies().values()
     ]
 
 
@@ -145,7 +149,7 @@ def _plugins() -> list[Row]:
                 f"{hook.replace('_', ' ')}: {', '.join(names)}" for hook, names in each.adds.items()
             ),
         }
-        for each in installed()
+        for each in installed_plugins_by_name()
     ]
 
 
@@ -180,7 +184,7 @@ def _wrap_lines(text: str) -> list[str]:
     return wrap(text, _WIDTH, initial_indent="    ", subsequent_indent="    ")
 
 
-def _parameter_lines(parameters: tuple[ParameterDoc, ...]) -> list[str]:
+def _parameter_lines(parameters: tuple[OracleParameterDoc, ...]) -> list[str]:
     return _align_columns(
         [
             (

@@ -13,20 +13,20 @@ from wil_campaign.orchestrator.cli.flight_choice import (
     TypedCommand,
     choose_flights,
     list_flights,
-    newcomers,
+    new_flights,
 )
-from wil_campaign.orchestrator.cli.standard_streams import err, out
-from wil_campaign.orchestrator.operator.acknowledgements import WITHIN_S, runs_text
-from wil_campaign.orchestrator.operator.campaign_records import Place, Places
+from wil_campaign.orchestrator.cli.standard_streams import write_stderr, write_stdout
+from wil_campaign.orchestrator.operator.acknowledgements import WITHIN_S, runs_with_places_text
+from wil_campaign.orchestrator.operator.campaign_records import OperatorPlace, OperatorPlaces
 from wil_campaign.orchestrator.operator.local_commands import (
     CommandReply,
     abort_place,
-    asked_of,
+    commanded_campaigns,
     send_command,
-    unconfirmed,
+    unconfirmed_places,
     unconfirmed_texts,
 )
-from wil_campaign.orchestrator.operator.socket_client import NoAnswerError, ask
+from wil_campaign.orchestrator.operator.socket_client import NoAnswerError, ask_operator_socket
 from wil_campaign.safety.guard.core.operator_command import OperatorKind
 
 _POLL_S = 0.1
@@ -73,7 +73,7 @@ def abort(
         return flying
     replies = abort_place(flying, f"cli:{who or account()}", node=node or "", bench=bench or "")
     shown = _show(replies)
-    return _check(shown, asked_of(flying, shown))
+    return _check(shown, commanded_campaigns(flying, shown))
 
 
 def hold(folder: Path | None = None, *, all_: All = False, who: str | None = None) -> int:
@@ -124,7 +124,7 @@ def _command(
         return chosen
     commanded, replies = chosen, _show(send_command(chosen, kind, f"cli:{who or account()}"))
     while is_all:
-        more = newcomers(folder, commanded)
+        more = new_flights(folder, commanded)
         if more is None:
             return NONE_OBEYED
         if not more.campaigns and not more.guards:
@@ -138,19 +138,19 @@ def _show(replies: Iterable[CommandReply]) -> list[CommandReply]:
     """Print the replies to a command as they come; return them."""
     shown = []
     for reply in replies:
-        (out if reply.ok else err)(reply.text)
+        (write_stdout if reply.ok else write_stderr)(reply.text)
         shown.append(reply)
     return shown
 
 
-def _check(replies: list[CommandReply], flying: Places) -> int:
+def _check(replies: list[CommandReply], flying: OperatorPlaces) -> int:
     """Print which runs acknowledge a command, and which flights do not; return the exit code."""
     obeying = {reply.place for reply in replies if reply.ok}
     if not obeying:
         return NONE_OBEYED
-    missing = unconfirmed(flying, replies)
+    missing = unconfirmed_places(flying, replies)
     for text in unconfirmed_texts(missing, flying, replies):
-        err(text)
+        write_stderr(text)
     late = [
         campaign
         for campaign in flying.campaigns
@@ -159,7 +159,7 @@ def _check(replies: list[CommandReply], flying: Places) -> int:
     return NONE_OBEYED if missing or late else 0
 
 
-def _is_acknowledged(campaign: Place) -> bool:
+def _is_acknowledged(campaign: OperatorPlace) -> bool:
     """Print which runs of a campaign acknowledge the newest command; return whether all do.
 
     A campaign that has ended meanwhile has none in flight.
@@ -172,25 +172,25 @@ def _is_acknowledged(campaign: Place) -> bool:
             break
         time.sleep(_POLL_S)
     if found is None:
-        err(
+        write_stderr(
             f"{campaign.name}: it does not answer any more: whether its runs have acknowledged the "
             "command is not known; `wil-campaign watch` shows them"
         )
         return False
     if found.get("by"):
-        out(f"{campaign.name}: acknowledged by {runs_text(found['by'])}")
+        write_stdout(f"{campaign.name}: acknowledged by {runs_with_places_text(found['by'])}")
     if found.get("waiting"):
-        err(
+        write_stderr(
             f"{campaign.name}: not acknowledged within {WITHIN_S:g} s by "
-            f"{runs_text(found['waiting'])}; `wil-campaign watch` shows them"
+            f"{runs_with_places_text(found['waiting'])}; `wil-campaign watch` shows them"
         )
     return is_complete
 
 
-def _acknowledged(campaign: Place) -> dict[str, dict[str, str]] | None:
+def _acknowledged(campaign: OperatorPlace) -> dict[str, dict[str, str]] | None:
     """Return a campaign's acknowledgements, none of one that has ended; None without an answer."""
     try:
-        found = ask(campaign.socket, "status", who="operator").get("acknowledged")
+        found = ask_operator_socket(campaign.socket, "status", who="operator").get("acknowledged")
     except NoAnswerError:
         flying = list_flights(campaign.folder)
         return None if flying is None or campaign in flying.campaigns else {}

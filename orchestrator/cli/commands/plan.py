@@ -8,9 +8,9 @@ from cyclopts import Parameter
 
 from wil_campaign.campaigns.expansion.expansion import Campaign, load_campaign
 from wil_campaign.campaigns.statistics.proportions import flights_without_failure, least_pass_rate
-from wil_campaign.orchestrator.cli.run_selection import ALL, Choice
-from wil_campaign.orchestrator.cli.standard_streams import out
-from wil_campaign.orchestrator.cli.text_table import count_text, table
+from wil_campaign.orchestrator.cli.run_selection import ALL, RunSelection
+from wil_campaign.orchestrator.cli.standard_streams import write_stdout
+from wil_campaign.orchestrator.cli.text_table import count_text, table_lines
 
 _CLAIMS = (0.80, 0.90, 0.95, 0.99)
 """Pass rates for which the plan states how many flights without a failure show them."""
@@ -19,7 +19,7 @@ _CLAIMS = (0.80, 0.90, 0.95, 0.99)
 def plan(
     file: Path,
     *,
-    choice: Choice = ALL,
+    choice: RunSelection = ALL,
     json_: Annotated[bool, Parameter(name="--json", negative=())] = False,
 ) -> int:
     """Show the runs of a campaign; nothing flies.
@@ -34,7 +34,7 @@ def plan(
     campaign = load_campaign(file, choice.options())
     document = plan_document(campaign)
     text = json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False)
-    out(text if json_ else _as_table(campaign))
+    write_stdout(text if json_ else _as_table(campaign))
     return 0
 
 
@@ -50,7 +50,7 @@ def _as_table(campaign: Campaign) -> str:
     ]
     wanted = [f"{r.case}/{r.mode} {r}" for r in campaign.requirements]
     accepted = ", ".join(wanted) if wanted else "nothing is required"
-    shown = table(("case", "mode", "rep", "seed", "counts"), rows)
+    shown = table_lines(("case", "mode", "rep", "seed", "counts"), rows)
     head = f"{campaign.name}: {_runs_text(campaign)}; accepted: {accepted}"
     return f"{head}\n\n{shown}\n\n{_claim_text(campaign)}"
 

@@ -6,17 +6,17 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from wil_campaign.foundation.files.problems import printable
+from wil_campaign.foundation.files.problems import printable_problem
 from wil_campaign.hooks import report_images
 from wil_campaign.orchestrator.cli.plugin_options import (
     NO_OPTIONS,
     PluginOptions,
-    given,
+    given_options,
     takes_options,
 )
-from wil_campaign.orchestrator.cli.standard_streams import err, out
+from wil_campaign.orchestrator.cli.standard_streams import write_stderr, write_stdout
 from wil_campaign.orchestrator.reading.errors import ResultsFolderError
-from wil_campaign.orchestrator.report.ordered_report import write_ordered
+from wil_campaign.orchestrator.report.ordered_report import write_ordered_report
 
 _SHOWN = 10
 
@@ -49,25 +49,30 @@ def report(
         failed one, else the first of mode wil.
     """
     try:
-        written = write_ordered(
-            folder, out=out_, videos=video, pictures=[*given(pictures)], run=run, workers=None
+        written = write_ordered_report(
+            folder,
+            out=out_,
+            videos=video,
+            pictures=[*given_options(pictures)],
+            run=run,
+            workers=None,
         )
     except ResultsFolderError as error:
-        err(printable(str(error)))
+        write_stderr(printable_problem(str(error)))
         return 2
     except OSError as error:
-        err(f"the report cannot be written: {error.strerror or error}")
+        write_stderr(f"the report cannot be written: {error.strerror or error}")
         return 3
     _name_problems(written.problems)
     for path in written.pictures:
-        out(printable(f"picture: {path}"))
-    out(printable(f"report: {written.path}"))
+        write_stdout(printable_problem(f"picture: {path}"))
+    write_stdout(printable_problem(f"report: {written.path}"))
     return 3 if written.problems else 0
 
 
 def _name_problems(problems: Sequence[str]) -> None:
     for text in problems[:_SHOWN]:
-        err(printable(text))
+        write_stderr(printable_problem(text))
     more = len(problems) - _SHOWN
     if more > 0:
-        err(f"and {more} more, which the report names")
+        write_stderr(f"and {more} more, which the report names")

@@ -13,15 +13,15 @@ from wil_campaign.campaigns.expansion.expansion import Campaign
 from wil_campaign.campaigns.schema import VEHICLES
 from wil_campaign.foundation.files.document_writer import to_json
 from wil_campaign.hooks import LiveViewError, live_views, run_options
-from wil_campaign.installed_plugins import absent, added
+from wil_campaign.installed_plugins import absent_additions, plugin_additions
 from wil_campaign.orchestrator.campaign.campaign_runner import CampaignOutcome, fly_campaign
-from wil_campaign.orchestrator.campaign.flight_options import USUAL, Cleared, FlightOptions
-from wil_campaign.orchestrator.campaign.folder.campaign_folder import OutputError, TakenError
-from wil_campaign.orchestrator.campaign.folder.repetitions import planned
+from wil_campaign.orchestrator.campaign.flight_options import USUAL, ClearedCampaign, FlightOptions
+from wil_campaign.orchestrator.campaign.folder.campaign_folder import FolderTakenError, OutputError
+from wil_campaign.orchestrator.campaign.folder.repetitions import runs_planned
 from wil_campaign.orchestrator.campaign.resuming.unchanged_campaign import ResumeError
 from wil_campaign.orchestrator.campaign.workers.run_engine import EngineError
 from wil_campaign.orchestrator.cli.announcements import announce_verdicts
-from wil_campaign.orchestrator.cli.arming_consent import RefusedError
+from wil_campaign.orchestrator.cli.arming_consent import FlightRefusedError
 from wil_campaign.orchestrator.cli.engine_flight import ready_flight
 from wil_campaign.orchestrator.cli.final_report import write_final_report
 from wil_campaign.orchestrator.cli.flight_needs import (
@@ -35,15 +35,15 @@ from wil_campaign.orchestrator.cli.live_views import views_beside
 from wil_campaign.orchestrator.cli.plugin_options import (
     NO_OPTIONS,
     PluginOptions,
-    given,
+    given_options,
     takes_options,
 )
-from wil_campaign.orchestrator.cli.progress_display import display_of, plain_console
-from wil_campaign.orchestrator.cli.run_selection import ALL, Choice
-from wil_campaign.orchestrator.cli.standard_streams import err, out
+from wil_campaign.orchestrator.cli.progress_display import plain_console, progress_display_of
+from wil_campaign.orchestrator.cli.run_selection import ALL, RunSelection
+from wil_campaign.orchestrator.cli.standard_streams import write_stderr, write_stdout
 from wil_campaign.orchestrator.cli.text_table import count_text
 from wil_campaign.orchestrator.cli.verdict_table import (
-    conclusions,
+    conclusion_lines,
     explained_words,
     next_steps,
     verdict_table,
@@ -60,7 +60,7 @@ _WIDEST = 1000
 def run(
     file: Path,
     *,
-    choice: Choice = ALL,
+    choice: RunSelection = ALL,
     options: FlightOptions = USUAL,
     keys: PluginOptions = NO_OPTIONS,
     gcs: Annotated[tuple[str, ...], Parameter(negative=())] = (),
@@ -84,47 +84,47 @@ def run(
         Print summary.json on standard output and nothing else there.
     """
     if no_arm and options.resume:
-        err("--no-arm leaves no results that --resume could continue")
+        write_stderr("--no-arm leaves no results that --resume could continue")
         return 2
     if options.again and not options.resume:
-        err(f"--again {options.again[0]} needs --resume")
+        write_stderr(f"--again {options.again[0]} needs --resume")
         return 2
-    for name in given(keys):
-        if why := absent(run_options).get(name):
-            err(why)
+    for name in given_options(keys):
+        if why := absent_additions(run_options).get(name):
+            write_stderr(why)
             return 2
     options = replace(options, arm=not no_arm)
     selection = choice.options(*_gcs_sets(gcs), *_key_sets(keys))
     try:
         with ready_flight(file, selection, options) as (campaign, cleared):
             return _fly_selected(campaign, options, cleared, views, file, json=json_)
-    except (OutputError, TakenError) as error:
-        err(error)
+    except (OutputError, FolderTakenError) as error:
+        write_stderr(error)
         return 3
-    except (RefusedError, EngineError) as error:
-        err(error)
+    except (FlightRefusedError, EngineError) as error:
+        write_stderr(error)
         return error.code
 
 
 def _key_sets(keys: PluginOptions) -> list[str]:
-    known = added(run_options)
-    return [f"{known[name].key}={value}" for name, value in given(keys).items()]
+    known = plugin_additions(run_options)
+    return [f"{known[name].key}={value}" for name, value in given_options(keys).items()]
 
 
 def _fly_selected(
     campaign: Campaign,
     options: FlightOptions,
-    cleared: Cleared,
+    cleared: ClearedCampaign,
     views: PluginOptions,
     file: Path,
     *,
     json: bool,
 ) -> int:
     """Fly the selected runs with a progress display; return the outcome."""
-    display = display_of(json=json, total=len(planned(campaign, arm=options.arm)))
+    display = progress_display_of(json=json, total=len(runs_planned(campaign, arm=options.arm)))
     try:
         # Standard output is one document with --json, and the lines have to be seen.
-        say = err if json else display.say
+        say = write_stderr if json else display.say
         with display, views_beside(views, say, program=os.getpid()):
             for line in _announcement(campaign, options, cleared):
                 display.say(line)
@@ -132,17 +132,17 @@ def _fly_selected(
                 display.say(notice)
             outcome = fly_campaign(campaign, options, cleared, display)
     except (OutputError, OperatingError) as error:
-        err(error)
+        write_stderr(error)
         return 3
     except ResumeError as error:
-        err(error)
+        write_stderr(error)
         return 2
     except LiveViewError as error:
-        err(error)
+        write_stderr(error)
         return error.code
     report = write_final_report(outcome.folder)
     if json:
-        out(to_json(outcome.summary).rstrip())
+        write_stdout(to_json(outcome.summary).rstrip())
     else:
         _print_verdicts(outcome, campaign, report, file)
     announce_verdicts(campaign, outcome.summary, outcome.folder, arm=options.arm)
@@ -161,9 +161,11 @@ def _gcs_sets(links: tuple[str, ...]) -> list[str]:
     return sets
 
 
-def _announcement(campaign: Campaign, options: FlightOptions, cleared: Cleared) -> Iterator[str]:
+def _announcement(
+    campaign: Campaign, options: FlightOptions, cleared: ClearedCampaign
+) -> Iterator[str]:
     """Yield the line that announces what `run` flies, and a warning of much disk."""
-    plans = planned(campaign, arm=options.arm)
+    plans = runs_planned(campaign, arm=options.arm)
     runs, at_once = len(plans), min(cleared.jobs, len(plans))
     images_mb = [images_mb_of(campaign.setups[plan.case], plan.mode) for plan in plans]
     needs = flight_needs(options.out / campaign.name, cleared.clock, images_mb=images_mb)
@@ -189,7 +191,9 @@ def _print_verdicts(
     console.print()
     for text in () if report is None else report.texts:
         console.print(text)
-    for line in conclusions(outcome.summary, campaign.requirements, announced=outcome.announced):
+    for line in conclusion_lines(
+        outcome.summary, campaign.requirements, announced=outcome.announced
+    ):
         console.print(line)
     if report is not None:
         console.print(f"report: {report.path}")

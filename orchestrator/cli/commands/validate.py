@@ -5,22 +5,22 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from wil_campaign.campaigns.expansion.expansion import Campaign, Options, load_campaign
+from wil_campaign.campaigns.expansion.expansion import Campaign, ExpansionOptions, load_campaign
 from wil_campaign.campaigns.setup.bench_file import Bench, load_benches, read_bench
 from wil_campaign.foundation.clocks.virtual_loop import Clock
-from wil_campaign.foundation.files.document_writer import write_whole
+from wil_campaign.foundation.files.document_writer import write_atomically
 from wil_campaign.foundation.files.documents import BadInput, Problem
 from wil_campaign.hooks import campaign_keys, problem_formats
-from wil_campaign.installed_plugins import absent, added, load
+from wil_campaign.installed_plugins import absent_additions, load_plugin_object, plugin_additions
 from wil_campaign.orchestrator.cli.announcements import announce_problems
-from wil_campaign.orchestrator.cli.clock_choice import clock_for, external_needs
+from wil_campaign.orchestrator.cli.clock_choice import campaign_clock_for, external_needs
 from wil_campaign.orchestrator.cli.plugin_options import (
     NO_OPTIONS,
     PluginOptions,
-    given,
+    given_options,
     takes_options,
 )
-from wil_campaign.orchestrator.cli.standard_streams import err, out
+from wil_campaign.orchestrator.cli.standard_streams import write_stderr, write_stdout
 from wil_campaign.orchestrator.cli.text_table import count_text
 from wil_campaign.recipes.language.recipe_document import load_recipe
 from wil_campaign.recipes.language.recipe_files import load_recipe_document
@@ -49,33 +49,35 @@ def validate(
         A bench, as of `run`, for campaigns that request one.
     """
     if not files:
-        err("validate needs at least one file")
+        write_stderr("validate needs at least one file")
         return 2
-    for name in given(formats):
-        if why := absent(problem_formats).get(name):
-            err(why)
+    for name in given_options(formats):
+        if why := absent_additions(problem_formats).get(name):
+            write_stderr(why)
             return 2
-    options = Options(sets=set_, is_autonomy_isolated=True, benches=load_benches(bench_file))
+    options = ExpansionOptions(
+        sets=set_, is_autonomy_isolated=True, benches=load_benches(bench_file)
+    )
     problems: list[Problem] = []
     warnings: list[Problem] = []
     for file in files:
         try:
-            out(_check_file(file, clock, options, warnings))
+            write_stdout(_check_file(file, clock, options, warnings))
         except BadInput as error:
             problems += error.problems
             warnings += error.warnings
             for warning in error.warnings:
-                err(f"warning: {warning}")
+                write_stderr(f"warning: {warning}")
     found = tuple(dict.fromkeys(problems))
     for problem in found:
-        err(problem)
+        write_stderr(problem)
     warned = tuple(dict.fromkeys(warnings))
     announce_problems(found, warned)
     is_written = _write_formats(formats, found, warned)
     if not found:
         return 0 if is_written else 3
     names = len({problem.file for problem in found})
-    err(f"{count_text(len(found), 'problem')} in {count_text(names, 'file')}")
+    write_stderr(f"{count_text(len(found), 'problem')} in {count_text(names, 'file')}")
     return 2
 
 
@@ -84,17 +86,19 @@ def _write_formats(
 ) -> bool:
     """Write what was found in the formats that were asked for; return whether all are there."""
     is_written = True
-    for name, path in given(formats).items():
-        text = load(added(problem_formats)[name].text)(problems, warnings)
+    for name, path in given_options(formats).items():
+        text = load_plugin_object(plugin_additions(problem_formats)[name].text)(problems, warnings)
         try:
-            write_whole(path, text)
+            write_atomically(path, text)
         except OSError as error:
-            err(f"{path}: cannot be written: {error.strerror or error}")
+            write_stderr(f"{path}: cannot be written: {error.strerror or error}")
             is_written = False
     return is_written
 
 
-def _check_file(file: Path, clock: Clock | None, options: Options, warnings: list[Problem]) -> str:
+def _check_file(
+    file: Path, clock: Clock | None, options: ExpansionOptions, warnings: list[Problem]
+) -> str:
     """Return a line about a valid file of any kind; add what it warns of. Raises BadInput."""
     document = load_recipe_document(file)
     schema = document.get(("schema",))
@@ -109,11 +113,11 @@ def _check_file(file: Path, clock: Clock | None, options: Options, warnings: lis
     campaign = load_campaign(file, options)
     warnings += campaign.warnings
     for warning in campaign.warnings:
-        err(f"warning: {warning}")
-    for name, key in added(campaign_keys).items():
+        write_stderr(f"warning: {warning}")
+    for name, key in plugin_additions(campaign_keys).items():
         if campaign.document.get((name,)) is not None:
-            load(key.check)(campaign)
-    chosen = clock_for(campaign, clock)
+            load_plugin_object(key.check)(campaign)
+    chosen = campaign_clock_for(campaign, clock)
     outside = ", ".join(dict.fromkeys(one.name for one in external_needs(campaign)))
     because = f"; {chosen} clock, for {outside}" if outside else ""
     return f"{file}: {_summary(campaign)}{because}"

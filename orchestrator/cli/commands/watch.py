@@ -14,11 +14,11 @@ from wil_campaign.orchestrator.cli.flight_choice import (
     list_flights,
     status_line,
 )
-from wil_campaign.orchestrator.cli.standard_streams import out
-from wil_campaign.orchestrator.operator.campaign_records import Place, Places
-from wil_campaign.orchestrator.operator.socket_client import NoAnswerError, ask
+from wil_campaign.orchestrator.cli.standard_streams import write_stdout
+from wil_campaign.orchestrator.operator.campaign_records import OperatorPlace, OperatorPlaces
+from wil_campaign.orchestrator.operator.socket_client import NoAnswerError, ask_operator_socket
 from wil_campaign.orchestrator.reading.errors import ResultsFolderError
-from wil_campaign.orchestrator.reading.results_folder import read_campaign
+from wil_campaign.orchestrator.reading.results_folder import read_campaign_documents
 from wil_campaign.orchestrator.run_results.acceptance_texts import required_text
 
 _EVERY_S = 0.5
@@ -49,21 +49,21 @@ def watch(
         for place, status in _statuses(flying):
             line = json.dumps(status) if json_ else status_line(place, status)
             if json_ or last.get(place.socket) != line:
-                out(line)
+                write_stdout(line)
             last[place.socket] = line
         time.sleep(_EVERY_S)
         flying = list_flights(folder)
         if flying is None:
             return NONE_OBEYED
     for flown, name in () if json_ else seen.items():
-        out(_verdict_line(flown, name))
+        write_stdout(_verdict_line(flown, name))
     return 0
 
 
 def _verdict_line(folder: Path, name: str) -> str:
     """Return how a campaign that is over ended, by its summary."""
     try:
-        summary = read_campaign(folder).summary
+        summary = read_campaign_documents(folder).summary
     except ResultsFolderError:
         summary = None
     if summary is None:
@@ -71,11 +71,11 @@ def _verdict_line(folder: Path, name: str) -> str:
     return f"{name}: {_WORDS[summary.accepted]}; {required_text(summary.runs)}; results: {folder}"
 
 
-def _statuses(flying: Places) -> Iterator[tuple[Place, dict[str, Any]]]:
+def _statuses(flying: OperatorPlaces) -> Iterator[tuple[OperatorPlace, dict[str, Any]]]:
     """Return the status of everything in flight, for `watch`."""
     for place in (*flying.campaigns, *flying.guards):
         try:
-            status = ask(place.socket, "status", who="watch")
+            status = ask_operator_socket(place.socket, "status", who="watch")
         except NoAnswerError:
             continue  # It may just have ended.
         yield place, {key: value for key, value in status.items() if key not in {"ok", "text"}}

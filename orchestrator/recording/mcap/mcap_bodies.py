@@ -12,8 +12,8 @@ from wil_campaign.orchestrator.recording.mcap.mcap_schemas import numbers_schema
 from wil_campaign.orchestrator.recording.mcap.mcap_settings import ImageSettings
 from wil_campaign.vehicles.readings import CameraReading, DepthReading, Drawing, Reading
 from wil_campaign.vehicles.readings.kinds import traits_of
-from wil_campaign.vehicles.readings.messages import Json, plain
-from wil_campaign.vehicles.readings.numbers import number_fields
+from wil_campaign.vehicles.readings.messages import Json, plain_json_document
+from wil_campaign.vehicles.readings.numbers import number_fields_of_reading
 from wil_campaign.worlds.camera import Intrinsics
 
 Body = tuple[str, dict[str, Json], bytes | None]
@@ -23,8 +23,10 @@ Body = tuple[str, dict[str, Json], bytes | None]
 def _image_facts(reading: CameraReading | DepthReading, parts: list[str]) -> dict[str, Json]:
     """Return the fields of an image reading that its MCAP message body adds."""
     return {
-        "intrinsics": plain(reading.intrinsics),
-        "camera_pose": None if reading.camera_pose is None else plain(reading.camera_pose),
+        "intrinsics": plain_json_document(reading.intrinsics),
+        "camera_pose": None
+        if reading.camera_pose is None
+        else plain_json_document(reading.camera_pose),
         "rendered": reading.rendered,
         "parts": parts,
     }
@@ -38,7 +40,7 @@ _ENCODINGS: Mapping[tuple[str, int], str] = {
 """Names of pixel formats in Foxglove and ROS, by type and channels."""
 
 
-def raw_image(array: NDArray[Any], wil: dict[str, Json]) -> Body:
+def raw_image_body(array: NDArray[Any], wil: dict[str, Json]) -> Body:
     """Return an image as a lossless MCAP message body, whatever its shape and type."""
     height, width = (*array.shape, 1, 1)[:2]
     channels = array.shape[2] if array.ndim == 3 else 1
@@ -57,18 +59,18 @@ def camera_body(reading: CameraReading, images: ImageSettings, parts: list[str])
     image, facts = reading.image_bgr, _image_facts(reading, parts)
     is_bgr = image.dtype == np.uint8 and image.ndim == 3 and image.shape[2] == 3 and image.size > 0
     if images.format == "raw" or not is_bgr:
-        return raw_image(image, facts)
+        return raw_image_body(image, facts)
     if images.format == "png":
         # level 1: higher ones take three times as long for a few percent
         coded = cv2.imencode(".png", image, [cv2.IMWRITE_PNG_COMPRESSION, 1])[1].tobytes()
     else:
-        coded = jpeg_of(image, images.quality)
+        coded = jpeg_of_image(image, images.quality)
     facts["exact"] = images.format == "png"
     fields = {"format": images.format, "wil": facts}
     return "foxglove.CompressedImage", fields, coded
 
 
-def jpeg_of(image_bgr: NDArray[Any], quality: int) -> bytes:
+def jpeg_of_image(image_bgr: NDArray[Any], quality: int) -> bytes:
     """Return an image as JPEG. quality: 1 to 100."""
     return cv2.imencode(".jpg", image_bgr, [cv2.IMWRITE_JPEG_QUALITY, quality])[1].tobytes()
 
@@ -79,20 +81,20 @@ def drawing_body(reading: CameraReading, drawing: Drawing) -> Body:
     Its digests are those of the pixels, of distances and of ids, row by row.
     """
     arrays = {"image": reading.image_bgr, "depth": reading.depth_m, "ids": reading.object_ids}
-    digests = {name: digest_of(array) for name, array in arrays.items() if array is not None}
-    drawn = {**plain(drawing), "crc32": digests}
+    digests = {name: image_digest_of(array) for name, array in arrays.items() if array is not None}
+    drawn = {**plain_json_document(drawing), "crc32": digests}
     return "wil.Drawing", {"wil": {**_image_facts(reading, []), "drawing": drawn}}, None
 
 
-def digest_of(array: NDArray[Any]) -> int:
+def image_digest_of(array: NDArray[Any]) -> int:
     """Return the CRC-32 of an image's bytes; 0.3 ms for 640x480."""
     return crc32(np.ascontiguousarray(array).data)
 
 
 def depth_body(reading: DepthReading, parts: list[str]) -> Body:
     """Return a depth image's lossless MCAP message body."""
-    facts = {**_image_facts(reading, parts), "mount": plain(reading.mount)}
-    return raw_image(reading.depth_m, facts)
+    facts = {**_image_facts(reading, parts), "mount": plain_json_document(reading.mount)}
+    return raw_image_body(reading.depth_m, facts)
 
 
 def calibration_body(i: Intrinsics) -> Body:
@@ -110,14 +112,14 @@ def calibration_body(i: Intrinsics) -> Body:
     return "foxglove.CameraCalibration", fields, None
 
 
-def body_of(reading: Reading) -> Body:
+def reading_body(reading: Reading) -> Body:
     """Return the MCAP message body of any reading except images."""
     kind = type(reading)
     traits = traits_of(kind)
     if traits.schema is None or traits.encode is None:
         return (
             numbers_schema(kind),
-            {name: getattr(reading, name) for name in number_fields(kind)},
+            {name: getattr(reading, name) for name in number_fields_of_reading(kind)},
             None,
         )
     fields, data = traits.encode(reading)

@@ -19,7 +19,7 @@ from wil_campaign.orchestrator.recording.errors import RecordingError
 from wil_campaign.vehicles.sources.mcap_limits import (
     DAMAGED,
     ChunkLimitError,
-    check_length,
+    check_record_length,
     chunk_records,
 )
 
@@ -29,7 +29,7 @@ Record = Schema | Channel | Message | Metadata
 
 
 @dataclass(frozen=True, slots=True)
-class End:
+class RecordStreamEnd:
     """Where reading an MCAP file ended. whole: its writer closed it. reason: why not."""
 
     whole: bool
@@ -45,7 +45,7 @@ class RecordStream:
 
     def __init__(self, path: Path) -> None:
         self._path = path
-        self.end: End | None = None
+        self.end: RecordStreamEnd | None = None
 
     def __iter__(self) -> Iterator[Record]:
         with self._path.open("rb") as file:
@@ -63,10 +63,12 @@ class RecordStream:
         head = file.read(9)
         length = struct.unpack("<Q", head[1:])[0] if len(head) == 9 else 0
         if len(head) < 9 or file.tell() + length > size_bytes:
-            self.end = End(whole=False, read_bytes=begin, reason=f"cut after byte {begin}")
+            self.end = RecordStreamEnd(
+                whole=False, read_bytes=begin, reason=f"cut after byte {begin}"
+            )
             return
         try:
-            check_length(length)
+            check_record_length(length)
             content = file.read(length)
             if head[0] == Opcode.FOOTER:
                 self.end = self._footer(file, begin)
@@ -76,12 +78,12 @@ class RecordStream:
             raise RecordingError(f"{self._path}: after byte {begin}: {error}") from error
         except DAMAGED as error:
             reason = f"damaged after byte {begin}: {type(error).__name__}"
-            self.end = End(whole=False, read_bytes=begin, reason=reason)
+            self.end = RecordStreamEnd(whole=False, read_bytes=begin, reason=reason)
 
-    def _footer(self, file: IO[bytes], begin: int) -> End:
+    def _footer(self, file: IO[bytes], begin: int) -> RecordStreamEnd:
         if file.read(len(MAGIC)) == MAGIC:
-            return End(whole=True, read_bytes=file.tell())
-        return End(whole=False, read_bytes=begin, reason=f"cut after byte {begin}")
+            return RecordStreamEnd(whole=True, read_bytes=file.tell())
+        return RecordStreamEnd(whole=False, read_bytes=begin, reason=f"cut after byte {begin}")
 
 
 def _parse(opcode: int, content: bytes) -> Iterator[Record]:

@@ -5,15 +5,15 @@ from typing import Any
 from mcap.records import Channel
 
 from wil_campaign.hooks import sensor_types
-from wil_campaign.installed_plugins import absent
+from wil_campaign.installed_plugins import absent_additions
 from wil_campaign.vehicles.readings import Reading
 from wil_campaign.vehicles.readings.kinds import sensor_specs
-from wil_campaign.vehicles.readings.messages import Json, number
-from wil_campaign.vehicles.readings.numbers import number_fields
+from wil_campaign.vehicles.readings.messages import Json, number_from_json
+from wil_campaign.vehicles.readings.numbers import number_fields_of_reading
 from wil_campaign.vehicles.readings.traits import Parts
 
 
-def is_reading(channel: Channel) -> bool:
+def is_reading_channel(channel: Channel) -> bool:
     """Return whether a channel's messages are readings, or images that are drawn again."""
     return channel.metadata.get("part") in {"reading", "drawing"}
 
@@ -23,7 +23,7 @@ def reading_topic(channel: Channel) -> str:
     return f"/{channel.metadata['source']}/{channel.metadata['sensor']}"
 
 
-def decode(document: Json, parts: Parts) -> Reading:
+def decode_reading_message(document: Json, parts: Parts) -> Reading:
     """Return the reading decoded from an MCAP message.
 
     Raises KeyError, ValueError or TypeError for a foreign document, or a type of an absent plugin.
@@ -31,12 +31,14 @@ def decode(document: Json, parts: Parts) -> Reading:
     wil = document["wil"]
     spec = sensor_specs().get(wil["type"])
     if spec is None:
-        raise ValueError(absent(sensor_types).get(wil["type"], f"no sensor type {wil['type']}"))
+        raise ValueError(
+            absent_additions(sensor_types).get(wil["type"], f"no sensor type {wil['type']}")
+        )
     decoded = spec.traits.decode
     kind: Any = spec.reading
     reading: Reading = kind(
-        t_s=number(wil["t_s"]),
-        arrived_s=number(wil["arrived_s"]),
+        t_s=number_from_json(wil["t_s"]),
+        arrived_s=number_from_json(wil["arrived_s"]),
         seq=wil["seq"],
         source=wil["source"],
         sensor=wil.get("sensor", ""),
@@ -46,4 +48,7 @@ def decode(document: Json, parts: Parts) -> Reading:
 
 
 def _numbers(document: Json, kind: type[Any]) -> dict[str, float]:
-    return {name: of(number(document[name])) for name, of in number_fields(kind).items()}
+    return {
+        name: of(number_from_json(document[name]))
+        for name, of in number_fields_of_reading(kind).items()
+    }

@@ -7,12 +7,12 @@ from typing import Literal
 
 from wil_campaign.orchestrator.recording.mcap.mcap_bodies import (
     Body,
-    body_of,
     calibration_body,
     camera_body,
     depth_body,
     drawing_body,
-    raw_image,
+    raw_image_body,
+    reading_body,
 )
 from wil_campaign.orchestrator.recording.mcap.mcap_settings import ImageSettings, RecordingSettings
 from wil_campaign.vehicles.readings import (
@@ -23,7 +23,7 @@ from wil_campaign.vehicles.readings import (
     sensor_type_of,
 )
 from wil_campaign.vehicles.readings.kinds import traits_of
-from wil_campaign.vehicles.readings.messages import Json, encode, pose_out
+from wil_campaign.vehicles.readings.messages import Json, encode_message, pose_to_json
 from wil_campaign.worlds.camera import CameraMount, Intrinsics
 from wil_campaign.worlds.frames import Pose
 
@@ -38,7 +38,7 @@ _LAST_NS = 2**63 - 1
 
 
 @dataclass(frozen=True, slots=True)
-class Channel:
+class McapChannel:
     """An MCAP channel: one topic.
 
     part: "reading", or "drawing" of one that is drawn again; or what accompanies it: "depth",
@@ -53,18 +53,18 @@ class Channel:
 
 
 @dataclass(frozen=True, slots=True)
-class Message:
+class McapMessage:
     """An encoded MCAP message; nanoseconds since 1970; publish_ns: when it was sampled."""
 
-    channel: Channel
+    channel: McapChannel
     log_ns: int
     publish_ns: int
     sequence: int
     data: bytes
 
 
-TRANSFORMS = Channel("/tf", "foxglove.FrameTransform", "", "", "transform")
-LOG = Channel("/log", "foxglove.Log", "", "", "event")
+TRANSFORMS = McapChannel("/tf", "foxglove.FrameTransform", "", "", "transform")
+LOG = McapChannel("/log", "foxglove.Log", "", "", "event")
 PERCEIVED = "perceived"
 """Name of the log's line with the topic of the images that the judged autonomy perceives."""
 LogLevel = Literal["debug", "info", "warning", "error", "fatal"]
@@ -72,7 +72,7 @@ _LEVELS: Mapping[LogLevel, int] = {"debug": 1, "info": 2, "warning": 3, "error":
 """foxglove.Log."""
 
 
-class Stamps:
+class McapStamps:
     """Converts the run clock to an MCAP message's nanoseconds since 1970, exactly."""
 
     def __init__(self, epoch_s: float) -> None:
@@ -90,7 +90,7 @@ class Stamps:
         return {"sec": seconds, "nsec": nanoseconds}
 
 
-class Encoder:
+class McapEncoder:
     """Encodes readings as MCAP messages, in the order in which they are to be written.
 
     mounts: of cameras and depth cameras, by their frame, as "real/camera".
@@ -103,7 +103,7 @@ class Encoder:
         settings: RecordingSettings,
         mounts: Mapping[str, CameraMount] | None = None,
     ) -> None:
-        self.stamps = Stamps(epoch_s)
+        self.stamps = McapStamps(epoch_s)
         self._mounts = dict(mounts or {})
         self._image_settings: Mapping[str, ImageSettings] = {
             "real": settings.real,
@@ -112,7 +112,7 @@ class Encoder:
         }
         self._known_intrinsics: dict[tuple[str, str], Intrinsics] = {}
 
-    def encode(self, sensor: str, reading: Reading) -> list[Message]:
+    def encode(self, sensor: str, reading: Reading) -> list[McapMessage]:
         """Return a reading's encoded messages; parts of an image come before the image."""
         if isinstance(reading, CameraReading):
             return self._camera(sensor, reading)
@@ -121,13 +121,13 @@ class Encoder:
             body = depth_body(reading, [part.channel.part for part in parts])
             calibration = self._calibration(sensor, reading)
             return [*calibration, *parts, self._message(sensor, reading, body)]
-        message = self._message(sensor, reading, body_of(reading))
+        message = self._message(sensor, reading, reading_body(reading))
         # A mixed pose is what the autonomy perceives: it does not place the vehicle.
         if isinstance(reading, PoseReading) and reading.source != "mixed":
             return [message, *self._transforms(reading)]
         return [message]
 
-    def _camera(self, sensor: str, reading: CameraReading) -> list[Message]:
+    def _camera(self, sensor: str, reading: CameraReading) -> list[McapMessage]:
         images = self._image_settings[reading.source]
         if images.format == "none":
             return []
@@ -137,26 +137,28 @@ class Encoder:
             return [*self._calibration(sensor, reading), drawing]
         parts = self._ids(sensor, reading, wanted=images.object_ids)
         if images.depth and reading.depth_m is not None:
-            parts.append(self._message(sensor, reading, raw_image(reading.depth_m, {}), "depth"))
+            parts.append(
+                self._message(sensor, reading, raw_image_body(reading.depth_m, {}), "depth")
+            )
         body = camera_body(reading, images, [part.channel.part for part in parts])
         calibration = self._calibration(sensor, reading)
         return [*calibration, *parts, self._message(sensor, reading, body)]
 
     def _ids(
         self, sensor: str, reading: CameraReading | DepthReading, *, wanted: bool
-    ) -> list[Message]:
+    ) -> list[McapMessage]:
         if not wanted or reading.object_ids is None:
             return []
-        return [self._message(sensor, reading, raw_image(reading.object_ids, {}), "ids")]
+        return [self._message(sensor, reading, raw_image_body(reading.object_ids, {}), "ids")]
 
-    def _calibration(self, sensor: str, reading: CameraReading | DepthReading) -> list[Message]:
+    def _calibration(self, sensor: str, reading: CameraReading | DepthReading) -> list[McapMessage]:
         key = (reading.source, sensor)
         if self._known_intrinsics.get(key) == reading.intrinsics:
             return []
         self._known_intrinsics[key] = reading.intrinsics
         return [self._message(sensor, reading, calibration_body(reading.intrinsics), "calibration")]
 
-    def _transforms(self, reading: PoseReading) -> list[Message]:
+    def _transforms(self, reading: PoseReading) -> list[McapMessage]:
         """Return the transforms of a vehicle's body and of its stabilized cameras."""
         body = _body_frame(reading)
         poses = {body: reading.pose}
@@ -175,7 +177,7 @@ class Encoder:
             for frame, pose in poses.items()
         ]
 
-    def fixed_transforms(self) -> list[Message]:
+    def fixed_transforms(self) -> list[McapMessage]:
         """Return the transforms that do not change in a run: `map` to `ned`, body to cameras."""
         cameras = [
             self._transform(frame.partition("/")[0], frame, mount.pose.compose(_OPTICAL))
@@ -193,8 +195,8 @@ class Encoder:
         t_s: float = 0.0,
         arrived_s: float = 0.0,
         sequence: int = 0,
-    ) -> Message:
-        placed = pose_out(pose)
+    ) -> McapMessage:
+        placed = pose_to_json(pose)
         return self.message(
             TRANSFORMS,
             {
@@ -208,36 +210,38 @@ class Encoder:
             sequence=sequence,
         )
 
-    def event(self, t_s: float, level: LogLevel, name: str, text: str) -> Message:
+    def event(self, t_s: float, level: LogLevel, name: str, text: str) -> McapMessage:
         """Return an encoded line of the run's log."""
         fields = {"level": _LEVELS[level], "message": text, "name": name, "file": "", "line": 0}
         return self.message(LOG, fields, t_s=t_s, arrived_s=t_s)
 
     def message(
         self,
-        channel: Channel,
+        channel: McapChannel,
         fields: dict[str, Json],
         *,
         t_s: float,
         arrived_s: float,
         sequence: int = 0,
         data: bytes | None = None,
-    ) -> Message:
+    ) -> McapMessage:
         """Return an encoded message whose fields follow its time stamp."""
         document = {"timestamp": self.stamps.time(t_s), **fields}
-        return Message(
+        return McapMessage(
             channel,
             self.stamps.ns(arrived_s),
             self.stamps.ns(t_s),
             sequence & 0xFFFFFFFF,
-            encode(document, data),
+            encode_message(document, data),
         )
 
-    def _message(self, sensor: str, reading: Reading, body: Body, part: str = "reading") -> Message:
+    def _message(
+        self, sensor: str, reading: Reading, body: Body, part: str = "reading"
+    ) -> McapMessage:
         schema, fields, data = body
         topic = f"/{reading.source}/{sensor}" + ("" if part == "reading" else f"/{part}")
         return self.message(
-            Channel(topic, schema, reading.source, sensor, part),
+            McapChannel(topic, schema, reading.source, sensor, part),
             {
                 "frame_id": _frame(sensor, reading),
                 **fields,

@@ -5,8 +5,8 @@ from pathlib import Path
 
 from mcap.writer import CompressionType, Writer
 
-from wil_campaign.orchestrator.recording.mcap.mcap_encode import Channel, Message
-from wil_campaign.orchestrator.recording.mcap.mcap_schemas import schemas
+from wil_campaign.orchestrator.recording.mcap.mcap_encode import McapChannel, McapMessage
+from wil_campaign.orchestrator.recording.mcap.mcap_schemas import mcap_schema_texts
 
 LIBRARY = "wil-campaign"
 
@@ -61,7 +61,7 @@ class ChunkedFile:
         )
         self._chunk_bytes = chunk_bytes
         self._chunk_ns = chunk_ns
-        self._channels: dict[Channel, int] = {}
+        self._channels: dict[McapChannel, int] = {}
         self._schemas: dict[str, int] = {}
         self._pending_bytes = 0
         self._began_ns = 0
@@ -71,7 +71,7 @@ class ChunkedFile:
         self._writer.start(library=LIBRARY)
         self._writer.add_metadata("wil.recording", metadata)
 
-    def write(self, message: Message, schema: bytes | None = None) -> None:
+    def write(self, message: McapMessage, schema: bytes | None = None) -> None:
         """Append a message to the MCAP file; schema: of its channel unless fixed."""
         if self._pending_bytes == 0:
             self._began_ns = message.log_ns
@@ -105,12 +105,12 @@ class ChunkedFile:
         self._raw.close()
         return size
 
-    def _channel(self, channel: Channel, schema: bytes | None) -> int:
+    def _channel(self, channel: McapChannel, schema: bytes | None) -> int:
         known = self._channels.get(channel)
         if known is not None:
             return known
         if channel.schema not in self._schemas:
-            text = schemas()[channel.schema] if schema is None else schema
+            text = mcap_schema_texts()[channel.schema] if schema is None else schema
             number = self._writer.register_schema(channel.schema, "jsonschema", text)
             self._schemas[channel.schema] = number
         facts = {"source": channel.source, "sensor": channel.sensor, "part": channel.part}

@@ -26,9 +26,9 @@ from wil_campaign.vehicles.readings.messages import (
     Schema,
     schema_of_array,
     schema_of_object,
-    stamped,
+    stamped_message_schema,
 )
-from wil_campaign.vehicles.readings.numbers import is_numbers, number_fields
+from wil_campaign.vehicles.readings.numbers import is_numbers_reading, number_fields_of_reading
 
 
 def numbers_schema(kind: type) -> str:
@@ -37,12 +37,14 @@ def numbers_schema(kind: type) -> str:
 
 
 def _numbers(kind: type) -> Schema:
-    return stamped(numbers_schema(kind), **dict.fromkeys(number_fields(kind), NUMBER))
+    return stamped_message_schema(
+        numbers_schema(kind), **dict.fromkeys(number_fields_of_reading(kind), NUMBER)
+    )
 
 
 _ALL: tuple[Schema, ...] = (
-    stamped("foxglove.CompressedImage", data=BASE64, format=STRING),
-    stamped(
+    stamped_message_schema("foxglove.CompressedImage", data=BASE64, format=STRING),
+    stamped_message_schema(
         "foxglove.RawImage",
         width=INTEGER,
         height=INTEGER,
@@ -50,7 +52,7 @@ _ALL: tuple[Schema, ...] = (
         step=INTEGER,
         data=BASE64,
     ),
-    stamped(
+    stamped_message_schema(
         "foxglove.CameraCalibration",
         width=INTEGER,
         height=INTEGER,
@@ -77,15 +79,15 @@ _ALL: tuple[Schema, ...] = (
         file=STRING,
         line=INTEGER,
     ),
-    stamped("wil.Drawing"),
+    stamped_message_schema("wil.Drawing"),
 )
 
 
 @cache
-def schemas() -> Mapping[str, bytes]:
+def mcap_schema_texts() -> Mapping[str, bytes]:
     """Return the text of each schema of run.mcap by its name, with those of readings."""
     of_readings = (
-        _numbers(spec.reading) if is_numbers(spec.reading) else spec.traits.schema
+        _numbers(spec.reading) if is_numbers_reading(spec.reading) else spec.traits.schema
         for spec in sensor_specs().values()
     )
     texts = (
@@ -95,7 +97,7 @@ def schemas() -> Mapping[str, bytes]:
     return {name: text.encode() for name, text in texts}
 
 
-def schema_of(title: str, kind: type) -> bytes:
+def schema_of_class(title: str, kind: type) -> bytes:
     """Return the JSON schema of a dataclass or struct, with a timestamp: names and types."""
     properties = _fields_of(kind)
     schema = schema_of_object(title, timestamp=TIME, **properties)

@@ -22,16 +22,16 @@ from wil_campaign.foundation.background_file import patience
 from wil_campaign.foundation.clocks.virtual_loop import Clock
 from wil_campaign.orchestrator.recording.mcap.mcap_encode import (
     LOG,
-    Channel,
-    Encoder,
     LogLevel,
-    Message,
+    McapChannel,
+    McapEncoder,
+    McapMessage,
 )
 from wil_campaign.orchestrator.recording.mcap.mcap_file import ChunkedFile
-from wil_campaign.orchestrator.recording.mcap.mcap_schemas import schema_of
+from wil_campaign.orchestrator.recording.mcap.mcap_schemas import schema_of_class
 from wil_campaign.orchestrator.recording.mcap.mcap_settings import RecordingSettings
 from wil_campaign.vehicles.readings import Reading
-from wil_campaign.vehicles.readings.messages import plain
+from wil_campaign.vehicles.readings.messages import plain_json_document
 from wil_campaign.worlds.camera import CameraMount
 
 SCHEMA = "wil/recording/1"
@@ -85,7 +85,7 @@ class _Item:
     topic: str
     t_s: float
     size_bytes: int
-    encode: Callable[[], list[Message]]
+    encode: Callable[[], list[McapMessage]]
     schema: bytes | None = None
 
 
@@ -111,7 +111,7 @@ class McapRecorder:
         self._facts = dict(facts or {})
         self._waits = clock == "virtual"
         self._settings = settings or RecordingSettings()
-        self._encoder = Encoder(epoch_s=epoch_s, settings=self._settings, mounts=mounts)
+        self._encoder = McapEncoder(epoch_s=epoch_s, settings=self._settings, mounts=mounts)
         self._incoming: SimpleQueue[_Item | None] = SimpleQueue()
         self._done: SimpleQueue[int] = SimpleQueue()
         self._backlog_bytes = 0
@@ -168,11 +168,11 @@ class McapRecorder:
     def _write_figures(self, sensor: str, part: str, figures: Any, now_s: float) -> None:
         schema, kind = f"wil.{part.capitalize()}", type(figures)
         if kind not in self._schemas:
-            self._schemas[kind] = schema_of(schema, kind)
-        channel = Channel(f"/mixed/{sensor}/{part}", schema, "mixed", sensor, part)
+            self._schemas[kind] = schema_of_class(schema, kind)
+        channel = McapChannel(f"/mixed/{sensor}/{part}", schema, "mixed", sensor, part)
 
-        def encode() -> list[Message]:
-            fields = plain(figures)
+        def encode() -> list[McapMessage]:
+            fields = plain_json_document(figures)
             return [self._encoder.message(channel, fields, t_s=now_s, arrived_s=now_s)]
 
         self._enqueue(_Item(channel.topic, now_s, _SMALL_BYTES, encode, self._schemas[kind]))
@@ -305,7 +305,7 @@ class McapRecorder:
         self._written += written
         self._unwritten[item.topic] += not written
 
-    def _append(self, messages: list[Message], schema: bytes | None) -> None:
+    def _append(self, messages: list[McapMessage], schema: bytes | None) -> None:
         for message in messages:
             self._file.write(message, schema)
 

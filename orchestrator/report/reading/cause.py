@@ -4,7 +4,13 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 
-from wil_campaign.orchestrator.report.model import Cause, LogEvent, Margin, Moment, Success
+from wil_campaign.orchestrator.report.model import (
+    CheckMargin,
+    LogEvent,
+    ReportMoment,
+    RunSuccess,
+    VerdictCause,
+)
 from wil_campaign.orchestrator.report.words import (
     NOTHING,
     limit_text,
@@ -23,7 +29,7 @@ SAME_MOMENT_S = 0.05
 
 
 @dataclass(frozen=True, slots=True)
-class Contact:
+class ContactFacts:
     """A contact: the vehicle's speed at its start, and its end; None where not known.
 
     recorded_s: the last recorded time of the vehicle; None without a recording.
@@ -34,7 +40,7 @@ class Contact:
     recorded_s: float | None = None
 
 
-ContactAt = Callable[[str, float], Contact]
+ContactAt = Callable[[str, float], ContactFacts]
 """Returns the contact of a vehicle that began at a time."""
 
 
@@ -46,7 +52,7 @@ class NearestPass:
     distance_m: float
 
 
-def cause_of(
+def verdict_cause_of(
     result: RunResult,
     events: Sequence[LogEvent],
     *,
@@ -55,7 +61,7 @@ def cause_of(
     formulas: Mapping[str, str] = MappingProxyType({}),
     outcome: tuple[tuple[float, str], ...] = (),
     contact_at: ContactAt | None = None,
-) -> Cause | None:
+) -> VerdictCause | None:
     """Return what was violated, when and by how much; None for a PASS.
 
     passed: the nearest pass of the target; None where not known. formulas: by oracle. outcome: how
@@ -65,7 +71,7 @@ def cause_of(
         return None
     oracle = deciding_oracle(result)
     at_s = _decided_s(result, oracle, events)
-    contact = Contact()
+    contact = ContactFacts()
     if oracle is not None and _is_contact(oracle) and at_s is not None and contact_at is not None:
         contact = contact_at(oracle.vehicle, at_s)
     facts = []
@@ -77,7 +83,7 @@ def cause_of(
         facts.append(("nearest", _nearest_text(passed, goal_s)))
     if result.note:
         facts.append(("last note", result.note))
-    return Cause(
+    return VerdictCause(
         violated=_violated(result, oracle),
         sentence=result.reason,
         facts=tuple(facts),
@@ -88,7 +94,7 @@ def cause_of(
     )
 
 
-def _contact_text(contact: Contact, at_s: float | None) -> str:
+def _contact_text(contact: ContactFacts, at_s: float | None) -> str:
     """Return speed and duration of a contact, as far as they were recorded."""
     text = "contact"
     if contact.speed_m_s is not None:
@@ -129,7 +135,9 @@ def _time_facts(
     return [(first, time_text(at_s, goal_s))]
 
 
-def notes_of(result: RunResult, *, at_s: float | None, goal_s: float | None) -> tuple[str, ...]:
+def verdict_notes_of(
+    result: RunResult, *, at_s: float | None, goal_s: float | None
+) -> tuple[str, ...]:
     """Return facts that did not decide the verdict: evidence, the twin's end, reported oracles.
 
     at_s: time of the decisive event; None for a PASS, or where it is not known.
@@ -259,27 +267,29 @@ def _decided_s(
     return next(decisive, None)
 
 
-def moment_of(
+def report_moment_of(
     result: RunResult | None,
-    cause: Cause | None,
+    cause: VerdictCause | None,
     *,
     stages: dict[str, float],
     passed: NearestPass | None,
     end_s: float | None,
-) -> Moment | None:
+) -> ReportMoment | None:
     """Return the time that the page of a run shows; None where nothing was recorded."""
     if cause is not None and cause.at_s is not None:
-        return Moment(cause.at_s, cause.violated)
+        return ReportMoment(cause.at_s, cause.violated)
     if cause is not None and cause.oracle == "reached" and passed is not None:
-        return Moment(passed.t_s, "nearest pass of the target")
+        return ReportMoment(passed.t_s, "nearest pass of the target")
     if result is not None and cause is None:
         tight = tightest_in_view(result)
         if tight is not None and tight.at_s is not None:
-            return Moment(tight.at_s, f"smallest margin: {tight.name}, {tight.detail or 'kept'}")
+            return ReportMoment(
+                tight.at_s, f"smallest margin: {tight.name}, {tight.detail or 'kept'}"
+            )
     for stage in ("done", "land", "goal", "takeoff"):
         if stage in stages:
-            return Moment(stages[stage], f"stage {stage}")
-    return None if end_s is None else Moment(end_s, "the end of the recording")
+            return ReportMoment(stages[stage], f"stage {stage}")
+    return None if end_s is None else ReportMoment(end_s, "the end of the recording")
 
 
 def tightest_in_view(result: RunResult) -> OracleResult | None:
@@ -296,7 +306,7 @@ def tightest_in_view(result: RunResult) -> OracleResult | None:
     return min(near, key=lambda one: one.margin or 0.0, default=None)
 
 
-def success_of(result: RunResult, *, goal_s: float | None) -> Success | None:
+def run_success_of(result: RunResult, *, goal_s: float | None) -> RunSuccess | None:
     """Return why a run passed; None for other verdicts."""
     if result.verdict != "PASS":
         return None
@@ -317,7 +327,7 @@ def success_of(result: RunResult, *, goal_s: float | None) -> Success | None:
     tight = tightest_in_view(result)
     if tight is not None:
         sentence += " " + _tightest_text(tight, goal_s)
-    return Success(sentence, tuple(_margins(listed)))
+    return RunSuccess(sentence, tuple(_margins(listed)))
 
 
 def _tightest_text(oracle: OracleResult, goal_s: float | None) -> str:
@@ -327,9 +337,9 @@ def _tightest_text(oracle: OracleResult, goal_s: float | None) -> str:
     return f"The tightest was {oracle.name}, with {margin} to spare{when}{where}."
 
 
-def _margins(oracles: Sequence[OracleResult]) -> Iterator[Margin]:
+def _margins(oracles: Sequence[OracleResult]) -> Iterator[CheckMargin]:
     for oracle in oracles:
-        yield Margin(
+        yield CheckMargin(
             name=oracle.name,
             measured=number_text(oracle.actual, oracle.unit, 2),
             limit=limit_text(oracle),

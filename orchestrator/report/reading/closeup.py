@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 from wil_campaign.foundation.files.documents import Data
 from wil_campaign.orchestrator.reading.judged_motion import JudgedMotion
-from wil_campaign.orchestrator.report.model import Cause, Closeup, Plot, Point
+from wil_campaign.orchestrator.report.model import Closeup, Plot, Point, VerdictCause
 from wil_campaign.orchestrator.report.reading.curves import curve_of
 from wil_campaign.orchestrator.report.reading.distances import TimedFences, fence_at
 from wil_campaign.orchestrator.report.reading.held_limits import HeldLimit
@@ -51,7 +51,7 @@ class JudgedFlight:
 
 
 def closeup_of(
-    cause: Cause | None,
+    cause: VerdictCause | None,
     oracle: OracleResult | None,
     limits: Sequence[HeldLimit],
     flight: JudgedFlight,

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from operator import itemgetter
 from statistics import median
 
-from wil_campaign.orchestrator.report.model import Curve, Point
+from wil_campaign.orchestrator.report.model import PlotCurve, Point
 
 _MOST_POINTS = 500
 _GAP_S = 0.2
@@ -23,7 +23,7 @@ def longest_step_s(times: Sequence[float]) -> float:
 
 def curve_of(
     subject: str, values: Sequence[tuple[float, float | None]], *, keep_s: float | None = None
-) -> Curve:
+) -> PlotCurve:
     """Return the curve of values with their times in order; None: there is no value.
 
     It is broken where there is none, and at gaps. Of many points the least and largest of each part
@@ -34,7 +34,7 @@ def curve_of(
     if keep_s is not None:
         times = (t_s for stretch in stretches for t_s, _ in stretch if t_s <= keep_s)
         kept = max(times, default=None)
-    return Curve(subject, tuple(tuple(one) for one in _shortened(stretches, kept)))
+    return PlotCurve(subject, tuple(tuple(one) for one in _shortened(stretches, kept)))
 
 
 def _stretches(values: Sequence[tuple[float, float | None]]) -> list[list[Point]]:

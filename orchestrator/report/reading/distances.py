@@ -27,7 +27,7 @@ TimedFences = Sequence[tuple[float, Fence]]
 """Fences of a vehicle, each with the time from which it was in force, oldest first."""
 
 
-def clearances(
+def clearance_values(
     poses: Sequence[TimedPose], body: BoxShape, scene: Scene, events: Mapping[str, float]
 ) -> tuple[Point, ...]:
     """Return the least clearance on each stretch between two poses, floors left out.
@@ -60,7 +60,7 @@ def fence_at(fences: TimedFences, t_s: float) -> Fence | None:
     return fences[count - 1][1] if count else None
 
 
-def fence_margins(poses: Sequence[TimedPose], fences: TimedFences) -> tuple[Point, ...]:
+def fence_distance_values(poses: Sequence[TimedPose], fences: TimedFences) -> tuple[Point, ...]:
     """Return the distance to the boundary of the fence of that time, negative outside."""
     return tuple(
         (t_s, fence.margin_m(pose.position_ned_m))
@@ -70,12 +70,12 @@ def fence_margins(poses: Sequence[TimedPose], fences: TimedFences) -> tuple[Poin
     )
 
 
-def heights(poses: Sequence[TimedPose]) -> tuple[Point, ...]:
+def height_values(poses: Sequence[TimedPose]) -> tuple[Point, ...]:
     """Return the height over the world's origin."""
     return tuple((t_s, -pose.position_ned_m[2]) for t_s, pose in poses)
 
 
-def separations(real: Sequence[TimedPose], twin: Sequence[TimedPose]) -> tuple[Point, ...]:
+def pair_distances(real: Sequence[TimedPose], twin: Sequence[TimedPose]) -> tuple[Point, ...]:
     """Return the distance between the vehicles at the times of real's poses.
 
     That of the twin is interpolated; where it has no pose, or a gap, there is no distance.

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from operator import itemgetter
 
-from wil_campaign.orchestrator.report.model import Point, Track
+from wil_campaign.orchestrator.report.model import Point, VehicleTrack
 from wil_campaign.orchestrator.report.reading.distances import TimedPose
 
 _STEP_S = 0.1
@@ -48,7 +48,9 @@ def even_poses(poses: Sequence[TimedPose], times: EvenTimes) -> list[TimedPose]:
     return [(t_s, poses[index][1]) for t_s, index in zip(shown, newest, strict=True)]
 
 
-def track_of(vehicle: str, source: str, poses: Sequence[TimedPose], times: EvenTimes) -> Track:
+def even_track_of(
+    vehicle: str, source: str, poses: Sequence[TimedPose], times: EvenTimes
+) -> VehicleTrack:
     """Return the track of even poses."""
     places = tuple(pose.position_ned_m for _, pose in poses)
-    return Track(vehicle, source, times.begin_s, times.step_s, places)
+    return VehicleTrack(vehicle, source, times.begin_s, times.step_s, places)

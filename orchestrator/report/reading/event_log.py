@@ -8,8 +8,8 @@ from io import BytesIO
 from pathlib import Path
 from typing import Any
 
-from wil_campaign.foundation.files.limited_json import loads_limited
-from wil_campaign.orchestrator.reading.results_folder import UnreadableError, read_data
+from wil_campaign.foundation.files.limited_json import loads_limited_json
+from wil_campaign.orchestrator.reading.results_folder import UnreadableError, read_limited_data
 from wil_campaign.orchestrator.report.model import LogEvent
 
 MOST_EVENTS = 400
@@ -37,7 +37,7 @@ class EventLog:
 def read_event_log(path: Path) -> EventLog:
     """Return the events of a log, as far as the file is readable."""
     try:
-        data = read_data(path)
+        data = read_limited_data(path)
     except UnreadableError as error:
         return EventLog(problems=(str(error),))
     kept: dict[str, list[LogEvent]] = {"preflight": [], "before_arming": [], "": []}
@@ -81,7 +81,7 @@ def read_event_log(path: Path) -> EventLog:
 def _parse(line: bytes) -> tuple[float, str, dict[str, Any]] | None:
     """Return time, kind and fields of a line; None for a damaged one."""
     try:
-        fields = loads_limited(line.decode("utf-8", "replace").encode())
+        fields = loads_limited_json(line.decode("utf-8", "replace").encode())
         t_s, kind = float(fields["t_s"]), fields["event"]
     except (ValueError, KeyError, TypeError, OverflowError):
         return None

@@ -9,7 +9,7 @@ from wil_campaign.orchestrator.report.reading.distances import TimedPose
 from wil_campaign.orchestrator.report.words import number_text
 from wil_campaign.orchestrator.run_results.run_result import RunResult
 from wil_campaign.safety.model.oracle_results import OracleResult
-from wil_campaign.worlds.figures import distinct_text
+from wil_campaign.worlds.figures import distinct_value_text
 
 _STILL_M = 0.3
 """A vehicle that stays within this distance of a place stands still: hover and drift."""
@@ -83,7 +83,7 @@ def _near(oracle: OracleResult, actual_m: float, crossed: str) -> str:
     limit = f"(limit {limit_m:g} m{when})"
     if oracle.detail.startswith(_TOUCHED):
         return f"{oracle.detail} {limit}"
-    near_m = distinct_text(actual_m, limit_m, digits=3)
+    near_m = distinct_value_text(actual_m, limit_m, digits=3)
     return f"came within {near_m} m of {oracle.detail.removeprefix('closest to ')} {limit}"
 
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from wil_campaign.foundation.files.documents import Data
 from wil_campaign.orchestrator.report.model import PlotLimit, Point
 from wil_campaign.safety.oracles.oracle import OracleSpec, SignalLimit
-from wil_campaign.safety.oracles.registry import oracle_kinds, own_keys
+from wil_campaign.safety.oracles.registry import oracle_kinds, own_oracle_keys
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,7 +49,7 @@ def held_limits(
     found: list[HeldLimit] = []
     for name, given in oracles.items():
         part = given if isinstance(given, dict) else {}
-        keys = (kind for key, kind in own_keys().items() if key in part)
+        keys = (kind for key, kind in own_oracle_keys().items() if key in part)
         spec = oracle_kinds().get(next(keys, str(part.get("use", name))))
         span_s = None if spec is None else _window(spec, part, stages, end_s)
         if spec is not None and span_s is not None:

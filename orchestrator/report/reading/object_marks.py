@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from wil_campaign.foundation.files.documents import Data
-from wil_campaign.orchestrator.report.model import Frame, Mark
+from wil_campaign.orchestrator.report.model import ObjectMark, PageImage
 from wil_campaign.orchestrator.report.reading.distances import TimedPose, pose_at
 from wil_campaign.orchestrator.report.reading.outlines import vertices_of
 from wil_campaign.orchestrator.report.reading.world_facts import recorded_body
@@ -52,8 +52,13 @@ class SeenWorld:
 
 
 def marks_of(
-    frame: Frame, sensor: str, world: SeenWorld, *, of_interest: Iterable[str], touched: str = ""
-) -> tuple[Mark, ...]:
+    frame: PageImage,
+    sensor: str,
+    world: SeenWorld,
+    *,
+    of_interest: Iterable[str],
+    touched: str = "",
+) -> tuple[ObjectMark, ...]:
     """Return the marks of objects in an image; empty where the record is not sufficient.
 
     of_interest: names of objects. touched: a part, as "gate.left".
@@ -74,7 +79,7 @@ def marks_of(
     return tuple(found)
 
 
-def _camera_pose(frame: Frame, sensor: str, obj: SceneObject, world: SeenWorld) -> Pose | None:
+def _camera_pose(frame: PageImage, sensor: str, obj: SceneObject, world: SeenWorld) -> Pose | None:
     """Return the pose of the camera that shows an object; None where it is not recorded.
 
     In a mixture the recipe decides from which pose virtual objects were rendered.
@@ -139,7 +144,7 @@ def _distances(
 
 
 def _seen_parts(
-    frame: Frame, camera: Pose, obj: SceneObject, events: Mapping[str, float]
+    frame: PageImage, camera: Pose, obj: SceneObject, events: Mapping[str, float]
 ) -> Iterator[tuple[str, shapely.Geometry]]:
     """Yield the visible parts of an object, each with its shape in the image."""
     screen = shapely.box(0.0, 0.0, frame.width_px, frame.height_px)
@@ -156,17 +161,17 @@ def _mark(
     distance_m: float | None,
     parts: Sequence[tuple[str, shapely.Geometry]],
     touched: str,
-) -> Mark:
+) -> ObjectMark:
     shapes = [shape for name, shape in parts if name == touched and shape.geom_type == "Polygon"]
     outline = tuple((x, y) for x, y in shapes[0].exterior.coords) if shapes else ()
     box = None
     if parts:
         left, top, right, bottom = shapely.total_bounds([shape for _, shape in parts]).tolist()
         box = (left, top, right, bottom)
-    return Mark(obj.name, distance_m, box, touched, outline)
+    return ObjectMark(obj.name, distance_m, box, touched, outline)
 
 
-def _silhouette(corners: Points, pose: Pose, camera: Pose, frame: Frame) -> shapely.Geometry:
+def _silhouette(corners: Points, pose: Pose, camera: Pose, frame: PageImage) -> shapely.Geometry:
     """Return the hull of a part in the image, pixels; empty where it is behind the camera."""
     world = corners @ matrix_from_quat(pose.q_wxyz).T + np.array(pose.position_ned_m)
     seen = (world - np.array(camera.position_ned_m)) @ matrix_from_quat(camera.q_wxyz)
@@ -203,7 +208,7 @@ def touched_part(detail: str) -> str:
     return part.split(";")[0].strip() if is_touched else ""
 
 
-def named_objects(scene: Scene, texts: Iterable[str]) -> list[str]:
+def objects_named_in_texts(scene: Scene, texts: Iterable[str]) -> list[str]:
     """Return the objects of a scene that are named in texts, alone or as "object.part"."""
     words = {word.strip(".,;:'\"()") for text in texts for word in text.split()}
     words |= {word.partition(".")[0] for word in words}

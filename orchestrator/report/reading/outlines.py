@@ -11,9 +11,9 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from wil_campaign.orchestrator.report.model import Outline, Point, side_depth_m
+from wil_campaign.orchestrator.report.model import ObjectOutline, Point, side_depth_m
 from wil_campaign.worlds.frames import Pose, Quat, matrix_from_quat
-from wil_campaign.worlds.scene.parts import BoxShape, Opening, Part, SphereShape
+from wil_campaign.worlds.scene.parts import BoxShape, ObjectOpening, SolidPart, SphereShape
 from wil_campaign.worlds.scene.scene import Scene, SceneObject
 from wil_campaign.worlds.scene.shapes import Shape
 
@@ -43,7 +43,7 @@ def outlines_of(
     t_s: float,
     events: Mapping[str, float],
     span_s: Point,
-) -> tuple[Outline, ...]:
+) -> tuple[ObjectOutline, ...]:
     """Return the outlines of a scene at t_s.
 
     physical: names of the objects in W. span_s: the time for which an object's path is drawn.
@@ -69,9 +69,9 @@ def _route(obj: SceneObject, events: Mapping[str, float], span_s: Point) -> Poin
 
 def _outline(
     obj: SceneObject, *, is_virtual: bool, side: int, pose: Pose, route: Points
-) -> Outline:
+) -> ObjectOutline:
     materials = obj.shape.mesh.materials
-    return Outline(
+    return ObjectOutline(
         name=obj.name,
         is_virtual=is_virtual,
         is_room=obj.is_room,
@@ -125,13 +125,13 @@ def _turned_outlines(
             triangles = shapely.polygons(points[faces])
             flat = shapely.union_all(triangles[shapely.area(triangles) > 0.0])
         flat = shapely.simplify(shapely.difference(flat, cut), _FINE_M / 4)
-        found += [ring_of(one) for one in shapely.get_parts(flat)]
+        found += [ring_of_outline(one) for one in shapely.get_parts(flat)]
     lines = [_cut(opening, turned, view, 0.0) for opening in shape.openings]
-    found += [ring_of(line) for line in lines if not line.is_empty]
+    found += [ring_of_outline(line) for line in lines if not line.is_empty]
     return tuple(points for points in found if len(points) >= 2)
 
 
-def _cut(opening: Opening, turned: Pose, view: _View, thick_m: float) -> shapely.Geometry:
+def _cut(opening: ObjectOpening, turned: Pose, view: _View, thick_m: float) -> shapely.Geometry:
     """Return the area of an opening seen edge-on, so deep to both sides; else an empty one."""
     pose = turned.compose(opening.pose)
     axes, _ = view
@@ -151,7 +151,7 @@ def _cut(opening: Opening, turned: Pose, view: _View, thick_m: float) -> shapely
     return shapely.multipoints(points).convex_hull
 
 
-def ring_of(flat: shapely.Geometry) -> tuple[Point, ...]:
+def ring_of_outline(flat: shapely.Geometry) -> tuple[Point, ...]:
     """Return an outline as one ring; its holes are joined to it, there and back."""
     if not isinstance(flat, shapely.Polygon) or not flat.interiors:
         return _as_points(shapely.get_coordinates(flat))
@@ -176,7 +176,7 @@ def _moved(pose: Pose, points: Points) -> Points:
     return moved
 
 
-def vertices_of(part: Part) -> Points:
+def vertices_of(part: SolidPart) -> Points:
     """Return the vertices of a part in its object's frame."""
     match part.shape:
         case BoxShape(half_m):
@@ -195,7 +195,7 @@ def _ball(radius_m: float) -> Points:
     return np.concatenate([ring, ring[:, [2, 0, 1]], ring[:, [1, 2, 0]]])
 
 
-def _faces(part: Part) -> NDArray[np.int32] | None:
+def _faces(part: SolidPart) -> NDArray[np.int32] | None:
     """Return the triangles of a part; None to use its hull."""
     shape = part.shape
     if isinstance(shape, BoxShape | SphereShape) or len(shape.faces) > _MOST_FACES:

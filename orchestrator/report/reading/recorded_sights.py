@@ -16,7 +16,7 @@ from mcap.records import Channel, Message, Metadata
 
 from wil_campaign.orchestrator.recording.errors import RecordingError
 from wil_campaign.orchestrator.recording.mcap.mcap_chunks import RecordStream
-from wil_campaign.orchestrator.recording.mcap.mcap_decode import is_reading
+from wil_campaign.orchestrator.recording.mcap.mcap_decode import is_reading_channel
 
 _RECENT = 12
 """Readings of each stream that are kept until the mixture made from them arrives."""
@@ -113,7 +113,7 @@ class _Picker:
         part, sensor = channel.metadata.get("part"), channel.metadata.get("sensor", "")
         if part == "provenance":
             self._receive_provenance(sensor, message)
-        elif is_reading(channel):
+        elif is_reading_channel(channel):
             source = channel.metadata.get("source", "")
             if source == self._perceived:
                 self._pick(sensor, self._seconds(message))

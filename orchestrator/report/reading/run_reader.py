@@ -9,37 +9,37 @@ from wil_campaign.orchestrator.reading.judged_motion import (
     JudgedMotion,
     read_judged_motion,
 )
-from wil_campaign.orchestrator.reading.model import Commanded, RunEntry
-from wil_campaign.orchestrator.reading.trajectory_file import Row, read_trajectory
+from wil_campaign.orchestrator.reading.model import CommandedState, RunEntry
+from wil_campaign.orchestrator.reading.trajectory_file import TrajectoryFileRow, read_trajectory
 from wil_campaign.orchestrator.recording.run_video import FILE_NAME as VIDEO
 from wil_campaign.orchestrator.report.model import (
-    Cause,
     Closeup,
     DrawnWorld,
-    Frame,
+    PageImage,
+    PerceivedSight,
     Point,
     RunReport,
-    Sight,
-    Track,
     VehicleAtMoment,
+    VehicleTrack,
+    VerdictCause,
 )
 from wil_campaign.orchestrator.report.reading.cause import (
     SAME_MOMENT_S,
-    Contact,
+    ContactFacts,
     NearestPass,
-    cause_of,
     deciding_oracle,
-    moment_of,
-    notes_of,
-    success_of,
+    report_moment_of,
+    run_success_of,
+    verdict_cause_of,
+    verdict_notes_of,
 )
 from wil_campaign.orchestrator.report.reading.closeup import JudgedFlight, closeup_of
 from wil_campaign.orchestrator.report.reading.distances import TimedPose, contact_until_s, fence_at
 from wil_campaign.orchestrator.report.reading.even_tracks import (
     EvenTimes,
     even_poses,
+    even_track_of,
     poses_from,
-    track_of,
 )
 from wil_campaign.orchestrator.report.reading.event_log import EventLog, read_event_log
 from wil_campaign.orchestrator.report.reading.headline import headline_of
@@ -47,7 +47,7 @@ from wil_campaign.orchestrator.report.reading.held_limits import held_limits
 from wil_campaign.orchestrator.report.reading.object_marks import (
     SeenWorld,
     marks_of,
-    named_objects,
+    objects_named_in_texts,
     touched_part,
 )
 from wil_campaign.orchestrator.report.reading.outlines import outlines_of
@@ -81,7 +81,7 @@ class _Parts:
 
     log: EventLog
     motion: JudgedMotion
-    commands: tuple[Row, ...]
+    commands: tuple[TrajectoryFileRow, ...]
     world: RecordedWorld
     problems: list[str]
     stages: dict[str, float] = field(default_factory=dict)
@@ -125,7 +125,7 @@ def read_run(folder: Path, entry: RunEntry, size: ImageSize) -> RunReport:
     result = entry.result
     cause = None
     if result is not None:
-        cause = cause_of(
+        cause = verdict_cause_of(
             result,
             parts.log.events,
             goal_s=parts.goal_s,
@@ -141,12 +141,12 @@ def read_run(folder: Path, entry: RunEntry, size: ImageSize) -> RunReport:
     cause = _with_headline(_with_worst(cause, closeup, parts.goal_s), parts, result, passed)
     stages = parts.stages
     recorded_s = parts.span_s[1] if parts.commands or poses else None
-    moment = moment_of(result, cause, stages=stages, passed=passed, end_s=recorded_s)
+    moment = report_moment_of(result, cause, stages=stages, passed=passed, end_s=recorded_s)
     at_s = None if moment is None else moment.t_s
     wanted = () if at_s is None else tuple(at_s + offset_s for offset_s in STRIP_S)
     sights = read_sights(place / "run.mcap", mode=entry.mode, wanted_s=wanted)
     shown = decode_sights(sights, size, at_s=at_s)
-    has_images = any(isinstance(sight.perceived, Frame) for sight in shown)
+    has_images = any(isinstance(sight.perceived, PageImage) for sight in shown)
     video, video_problems = _read_video(place / VIDEO)
     if not shown and wanted and video is not None:
         shown = video_sights(video, wanted, size)
@@ -163,7 +163,7 @@ def read_run(folder: Path, entry: RunEntry, size: ImageSize) -> RunReport:
         result=result,
         problems=tuple(dict.fromkeys(problems)),
         cause=cause,
-        success=None if result is None else success_of(result, goal_s=parts.goal_s),
+        success=None if result is None else run_success_of(result, goal_s=parts.goal_s),
         notes=_notes(result, cause, parts.goal_s),
         moment=moment,
         at_moment=() if at_s is None else tuple(_at_moment(parts, at_s)),
@@ -198,7 +198,7 @@ def _without_files(entry: RunEntry) -> RunReport:
     problems = (missing,) if entry.result is None else (*entry.problems, missing)
     cause = None
     if entry.result is not None:
-        cause = cause_of(entry.result, (), goal_s=None, passed=None)
+        cause = verdict_cause_of(entry.result, (), goal_s=None, passed=None)
     return RunReport(
         name=entry.name,
         case=entry.case,
@@ -211,10 +211,12 @@ def _without_files(entry: RunEntry) -> RunReport:
     )
 
 
-def _notes(result: RunResult | None, cause: Cause | None, goal_s: float | None) -> tuple[str, ...]:
+def _notes(
+    result: RunResult | None, cause: VerdictCause | None, goal_s: float | None
+) -> tuple[str, ...]:
     if result is None:
         return ()
-    return notes_of(result, at_s=None if cause is None else cause.at_s, goal_s=goal_s)
+    return verdict_notes_of(result, at_s=None if cause is None else cause.at_s, goal_s=goal_s)
 
 
 def _outcome(parts: _Parts, poses: Sequence[TimedPose]) -> Iterator[tuple[float, str]]:
@@ -229,7 +231,7 @@ def _outcome(parts: _Parts, poses: Sequence[TimedPose]) -> Iterator[tuple[float,
         yield t_s, f"last pose: {up_m:.2f} m above the world's origin"
 
 
-def _contact(parts: _Parts, vehicle: str, t_s: float) -> Contact:
+def _contact(parts: _Parts, vehicle: str, t_s: float) -> ContactFacts:
     """Return a vehicle's contact at a time, with its speed and end."""
     before = (row for row in reversed(parts.commands) if row.vehicle == vehicle and row.t_s <= t_s)
     row = next(before, None)
@@ -238,10 +240,12 @@ def _contact(parts: _Parts, vehicle: str, t_s: float) -> Contact:
     body = recorded_body(parts.world.campaign, vehicle)
     until_s = contact_until_s(poses, body, parts.world.judged, parts.motion.world_events, t_s)
     recorded_s = poses[-1][0] if poses and parts.world.judged.objects else None
-    return Contact(None if velocity is None else norm(velocity), until_s, recorded_s)
+    return ContactFacts(None if velocity is None else norm(velocity), until_s, recorded_s)
 
 
-def _with_worst(cause: Cause | None, closeup: Closeup | None, goal_s: float | None) -> Cause | None:
+def _with_worst(
+    cause: VerdictCause | None, closeup: Closeup | None, goal_s: float | None
+) -> VerdictCause | None:
     """Return a cause with the time of the worst value, where its oracle has none."""
     if cause is None or closeup is None or any(name == "worst" for name, _ in cause.facts):
         return cause
@@ -254,14 +258,14 @@ def _with_worst(cause: Cause | None, closeup: Closeup | None, goal_s: float | No
 
 
 def _with_headline(
-    cause: Cause | None, parts: _Parts, result: RunResult | None, passed: NearestPass | None
-) -> Cause | None:
+    cause: VerdictCause | None, parts: _Parts, result: RunResult | None, passed: NearestPass | None
+) -> VerdictCause | None:
     """Return a cause with its headline, where the record tells what the vehicle did."""
     if cause is None or result is None:
         return cause
     oracle = deciding_oracle(result)
     vehicle = result.subject if oracle is None else oracle.vehicle
-    contact = Contact() if cause.at_s is None else _contact(parts, vehicle, cause.at_s)
+    contact = ContactFacts() if cause.at_s is None else _contact(parts, vehicle, cause.at_s)
     headline = headline_of(
         result,
         oracle,
@@ -274,16 +278,18 @@ def _with_headline(
     return replace(cause, headline=headline)
 
 
-def _marked(sight: Sight | None, parts: _Parts, oracle: OracleResult | None) -> Sight | None:
+def _marked(
+    sight: PerceivedSight | None, parts: _Parts, oracle: OracleResult | None
+) -> PerceivedSight | None:
     """Return a sight with the relevant objects marked in its image."""
-    if sight is None or not isinstance(sight.perceived, Frame):
+    if sight is None or not isinstance(sight.perceived, PageImage):
         return sight
     world, motion = parts.world, parts.motion
     detail = "" if oracle is None else oracle.detail
     given = None if oracle is None else world.oracles.get(oracle.name)
     named = str(given.get("object", "")) if isinstance(given, dict) else ""
     moving = [obj.name for obj in world.judged.objects if obj.motion is not None]
-    wanted = [*named_objects(world.judged, [detail, named]), *world.gates, *moving]
+    wanted = [*objects_named_in_texts(world.judged, [detail, named]), *world.gates, *moving]
     seen = SeenWorld(
         world.judged,
         world.physical,
@@ -325,9 +331,11 @@ def _poses(parts: _Parts) -> dict[str, list[TimedPose]]:
     return found
 
 
-def _tracks(parts: _Parts, poses: Mapping[str, list[TimedPose]], times: EvenTimes) -> list[Track]:
+def _tracks(
+    parts: _Parts, poses: Mapping[str, list[TimedPose]], times: EvenTimes
+) -> list[VehicleTrack]:
     source = "as judged" if parts.motion.poses else "from trajectory.csv"
-    return [track_of(name, source, found, times) for name, found in poses.items() if found]
+    return [even_track_of(name, source, found, times) for name, found in poses.items() if found]
 
 
 def _read_video(path: Path) -> tuple[Path | None, tuple[str, ...]]:
@@ -393,7 +401,7 @@ def _drawn_fences(parts: _Parts, at_s: float | None) -> tuple[dict[str, Fence], 
 
 def _at_moment(parts: _Parts, t_s: float) -> list[VehicleAtMoment]:
     """Return state and command of each vehicle at a time."""
-    newest: dict[str, Row] = {}
+    newest: dict[str, TrajectoryFileRow] = {}
     noted_s: dict[str, float] = {}
     for row in parts.commands:
         last = newest.get(row.vehicle)
@@ -407,7 +415,7 @@ def _at_moment(parts: _Parts, t_s: float) -> list[VehicleAtMoment]:
     ]
 
 
-def _facts(row: Commanded, noted_s: float, goal_s: float | None) -> list[tuple[str, str]]:
+def _facts(row: CommandedState, noted_s: float, goal_s: float | None) -> list[tuple[str, str]]:
     commanded = "nothing"
     if row.setpoint is not None:
         as_text = velocity_text if row.setpoint_kind == "velocity" else place_text
@@ -423,7 +431,7 @@ def _facts(row: Commanded, noted_s: float, goal_s: float | None) -> list[tuple[s
     return [(name, text) for name, text in facts if text]
 
 
-def _thinned(commands: Sequence[Row], span_s: Point) -> tuple[Commanded, ...]:
+def _thinned(commands: Sequence[TrajectoryFileRow], span_s: Point) -> tuple[CommandedState, ...]:
     """Return the setpoints of each vehicle for the map, at least half a second apart."""
     step_s = max(0.5, (span_s[1] - span_s[0]) / 60)
     due: dict[str, float] = {}
@@ -438,14 +446,14 @@ def _thinned(commands: Sequence[Row], span_s: Point) -> tuple[Commanded, ...]:
     return tuple(kept)
 
 
-def _had_ended(sight: Sight, end_s: float | None) -> bool:
+def _had_ended(sight: PerceivedSight, end_s: float | None) -> bool:
     """Return whether the images had ended at a sight's time: the last one does not show it."""
-    if end_s is None or not isinstance(sight.perceived, Frame):
+    if end_s is None or not isinstance(sight.perceived, PageImage):
         return False
     return sight.perceived.delivered_s <= end_s < sight.wanted_s
 
 
-def _nearest(sights: Sequence[Sight], at_s: float | None) -> Sight | None:
+def _nearest(sights: Sequence[PerceivedSight], at_s: float | None) -> PerceivedSight | None:
     if at_s is None:
         return None
     return min(sights, key=lambda one: abs(one.wanted_s - at_s), default=None)

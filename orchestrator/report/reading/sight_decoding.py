@@ -15,12 +15,17 @@ from wil_campaign.orchestrator.recording.recorded_images import (
     NotDrawnAgainError,
     RecordedImages,
 )
-from wil_campaign.orchestrator.report.model import CameraView, Frame, Sight, Sketched
+from wil_campaign.orchestrator.report.model import (
+    CameraView,
+    PageImage,
+    PerceivedSight,
+    SketchedReading,
+)
 from wil_campaign.orchestrator.report.reading.recorded_sights import RecordedSight, RecordedSights
 from wil_campaign.orchestrator.report.words import number_text
 from wil_campaign.vehicles.perception.depth_colors import color_depth
 from wil_campaign.vehicles.readings import BgrImage
-from wil_campaign.vehicles.readings.image_messages import camera_of
+from wil_campaign.vehicles.readings.image_messages import camera_of_message
 from wil_campaign.vehicles.readings.kinds import traits_named
 
 
@@ -44,7 +49,9 @@ class ImageSize:
         return replace(self, strip_px=self.main_px)
 
 
-def decode_sights(found: RecordedSights, size: ImageSize, *, at_s: float | None) -> list[Sight]:
+def decode_sights(
+    found: RecordedSights, size: ImageSize, *, at_s: float | None
+) -> list[PerceivedSight]:
     """Return the perceived readings of one sensor: a camera, else one that is drawn.
 
     at_s: the moment; its sight is larger, and includes the readings it was mixed from. An image
@@ -54,15 +61,15 @@ def decode_sights(found: RecordedSights, size: ImageSize, *, at_s: float | None)
     decoded = [
         decoder.decode_sensor(sensor, sights, at_s) for sensor, sights in found.sights.items()
     ]
-    best: list[Sight] = []
+    best: list[PerceivedSight] = []
     for sights in decoded:
         if sights and (not best or _is_image(sights) > _is_image(best)):
             best = sights
     return best
 
 
-def _is_image(sights: Sequence[Sight]) -> bool:
-    return isinstance(sights[0].perceived, Frame)
+def _is_image(sights: Sequence[PerceivedSight]) -> bool:
+    return isinstance(sights[0].perceived, PageImage)
 
 
 class _Decoder:
@@ -78,9 +85,9 @@ class _Decoder:
 
     def decode_sensor(
         self, sensor: str, sights: Sequence[RecordedSight], at_s: float | None
-    ) -> list[Sight]:
+    ) -> list[PerceivedSight]:
         """Return the sights of a sensor; all depths have one scale of colours."""
-        found: list[Sight] = []
+        found: list[PerceivedSight] = []
         shown_together = (
             message
             for sight in sights
@@ -100,10 +107,10 @@ class _Decoder:
             beside = [self._try(message, is_main=False) for message in messages]
             shown = tuple(one for one in beside if one is not None)
             figures = tuple(_figures(sight.provenance))
-            found.append(Sight(sight.wanted_s, perceived, shown, figures, sensor))
+            found.append(PerceivedSight(sight.wanted_s, perceived, shown, figures, sensor))
         return found
 
-    def _try(self, message: Message, *, is_main: bool) -> Frame | Sketched | None:
+    def _try(self, message: Message, *, is_main: bool) -> PageImage | SketchedReading | None:
         """Return a reading as an image, or to be drawn; None for one that cannot be shown."""
         try:
             return self._decode(message, self._size.main_px if is_main else self._size.strip_px)
@@ -115,7 +122,7 @@ class _Decoder:
         except (KeyError, ValueError, TypeError, AttributeError, cv2.error):
             return None  # a reading of another type, or of another program
 
-    def _decode(self, message: Message, width_px: int) -> Frame | Sketched | None:
+    def _decode(self, message: Message, width_px: int) -> PageImage | SketchedReading | None:
         """Return a reading as an image, or what is drawn of it; None for other types."""
         document = json.loads(message.data)
         delivered_s = (message.log_time - self._epoch_ns) / 1e9
@@ -124,7 +131,7 @@ class _Decoder:
             image = self._images.image(document)
             far_m = self._far_m if wil["type"] == "depth" else None
             bgr = image if far_m is None else color_depth(image, far_m)
-            frame = frame_of(
+            frame = page_image_of(
                 bgr,
                 source=str(wil["source"]),
                 t_s=float(wil["t_s"]),
@@ -134,14 +141,14 @@ class _Decoder:
             )
             return replace(frame, view=_view(document), far_m=far_m)
         if traits_named(wil["type"]).sketch:
-            return Sketched(str(wil["source"]), float(wil["t_s"]), wil["type"], document)
+            return SketchedReading(str(wil["source"]), float(wil["t_s"]), wil["type"], document)
         return None
 
 
 def _view(document: Mapping[str, Any]) -> CameraView | None:
     """Return the camera of an image; None where it was not recorded."""
     try:
-        intrinsics, pose = camera_of(document)
+        intrinsics, pose = camera_of_message(document)
         # A mixture is in the view of the real vehicle's camera.
         vehicle = "twin" if document["wil"]["source"] == "twin" else "real"
         return CameraView(vehicle, intrinsics, pose)
@@ -149,7 +156,7 @@ def _view(document: Mapping[str, Any]) -> CameraView | None:
         return None
 
 
-def frame_of(
+def page_image_of(
     image_bgr: BgrImage,
     *,
     source: str,
@@ -157,7 +164,7 @@ def frame_of(
     delivered_s: float,
     width_px: int,
     quality: int,
-) -> Frame:
+) -> PageImage:
     """Return an image as WebP, at most width_px wide. Raises ValueError if it is not an image."""
     if image_bgr.ndim == 2:
         image_bgr = cv2.cvtColor(image_bgr.astype(np.uint8), cv2.COLOR_GRAY2BGR).astype(np.uint8)
@@ -171,7 +178,7 @@ def frame_of(
     if not whole:
         raise ValueError("no image")
     text = base64.b64encode(coded.tobytes()).decode("ascii")
-    return Frame(source, float(t_s), delivered_s, width, height, text)
+    return PageImage(source, float(t_s), delivered_s, width, height, text)
 
 
 def _figures(provenance: Mapping[str, Any]) -> list[tuple[str, str]]:
@@ -190,13 +197,13 @@ def _figures(provenance: Mapping[str, Any]) -> list[tuple[str, str]]:
     return found
 
 
-def video_sights(path: Path, wanted_s: Sequence[float], size: ImageSize) -> list[Sight]:
+def video_sights(path: Path, wanted_s: Sequence[float], size: ImageSize) -> list[PerceivedSight]:
     """Return frames of a video, as far as it is readable."""
     import av  # noqa: PLC0415 - a tenth of a second; most runs have a recording
 
     due = sorted(wanted_s)
     middle_s = due[len(due) // 2]
-    found: list[Sight] = []
+    found: list[PerceivedSight] = []
     last: Any = None
     try:
         with av.open(str(path)) as container:
@@ -210,10 +217,10 @@ def video_sights(path: Path, wanted_s: Sequence[float], size: ImageSize) -> list
     return found
 
 
-def _video_sight(frame: Any, wanted_s: float, middle_s: float, size: ImageSize) -> Sight:
+def _video_sight(frame: Any, wanted_s: float, middle_s: float, size: ImageSize) -> PerceivedSight:
     width_px = size.main_px if wanted_s == middle_s else size.strip_px
     image = frame.to_ndarray(format="bgr24")
-    shown = frame_of(
+    shown = page_image_of(
         image,
         source="perceived",
         t_s=frame.time,
@@ -221,4 +228,4 @@ def _video_sight(frame: Any, wanted_s: float, middle_s: float, size: ImageSize) 
         width_px=width_px,
         quality=size.quality,
     )
-    return Sight(wanted_s, shown)
+    return PerceivedSight(wanted_s, shown)

@@ -9,10 +9,10 @@ from wil_campaign.orchestrator.report.reading.curves import curve_of
 from wil_campaign.orchestrator.report.reading.distances import (
     SHOWN_WITHIN_M,
     TimedPose,
-    clearances,
-    fence_margins,
-    heights,
-    separations,
+    clearance_values,
+    fence_distance_values,
+    height_values,
+    pair_distances,
 )
 from wil_campaign.orchestrator.report.reading.held_limits import HeldLimit
 from wil_campaign.orchestrator.report.reading.world_facts import recorded_body
@@ -38,7 +38,7 @@ def motion_plots(
         _height_plot(poses, subject, limits),
     ]
     if poses.get("real") and poses.get("twin"):
-        apart = separations(poses["real"], poses["twin"])
+        apart = pair_distances(poses["real"], poses["twin"])
         found.append(Plot("real to twin", "m", (curve_of("pair", apart),)))
     return tuple(plot for plot in found if any(curve.stretches for curve in plot.curves))
 
@@ -61,7 +61,7 @@ def _clearance_plot(
     curves = []
     for name, found in poses.items():
         body = recorded_body(flight.campaign, name)
-        swept = clearances(found, body, flight.scene, events)
+        swept = clearance_values(found, body, flight.scene, events)
         curves.append(curve_of(name, swept))
     lines = (PlotLimit(0.0), *_lines("clearance_m", limits))
     note = f"least distance of the body to objects except floors; capped at {SHOWN_WITHIN_M:g} m"
@@ -70,7 +70,7 @@ def _clearance_plot(
 
 def _fence_plot(poses: Poses, flight: JudgedFlight) -> Plot:
     curves = tuple(
-        curve_of(name, fence_margins(poses[name], fences))
+        curve_of(name, fence_distance_values(poses[name], fences))
         for name, fences in flight.fences.items()
         if name in poses
     )
@@ -84,7 +84,7 @@ def _height_plot(poses: Poses, subject: str, limits: Sequence[HeldLimit]) -> Plo
     own = [held_limit for held_limit in limits if held_limit.signal == "up_m"]
     partial = dict.fromkeys(held_limit.oracle for held_limit in own if not held_limit.is_whole)
     note = f"the limit of {', '.join(partial)} holds only in its interval" if partial else ""
-    curves = tuple(curve_of(name, heights(found)) for name, found in poses.items())
+    curves = tuple(curve_of(name, height_values(found)) for name, found in poses.items())
     return Plot("height", "m", curves, _lines("up_m", own), note, subject)
 
 

@@ -11,7 +11,7 @@ from wil_campaign.campaigns.schema.vehicles import BodyPart
 from wil_campaign.foundation.files.documents import BadInput, Data
 from wil_campaign.orchestrator.recording.recording_facts import campaign_in, fences_in, world_in
 from wil_campaign.safety.fence.geofence import Fence
-from wil_campaign.safety.oracles.registry import own_keys
+from wil_campaign.safety.oracles.registry import own_oracle_keys
 from wil_campaign.vehicles.embedded.physics.contact_world import BODY
 from wil_campaign.worlds.frames import Vec3
 from wil_campaign.worlds.scene.parts import BoxShape
@@ -62,7 +62,7 @@ class RecordedWorld:
             (name, one.get(key))
             for name, one in given
             if isinstance(one, dict)
-            for key in own_keys()
+            for key in own_oracle_keys()
         ]
         return {name: text for name, text in pairs if isinstance(text, str)}
 

@@ -17,7 +17,7 @@ Anchor = str
 
 
 @dataclass(frozen=True, slots=True)
-class Box:
+class LabelBox:
     """A rectangle of the drawing: x to the right, y down."""
 
     left: float
@@ -25,7 +25,7 @@ class Box:
     right: float
     bottom: float
 
-    def meets(self, other: "Box") -> bool:
+    def meets(self, other: "LabelBox") -> bool:
         """Return whether two rectangles overlap."""
         return (
             self.left < other.right
@@ -34,7 +34,7 @@ class Box:
             and other.top < self.bottom
         )
 
-    def is_within(self, other: "Box") -> bool:
+    def is_within(self, other: "LabelBox") -> bool:
         """Return whether this rectangle lies in the other."""
         return (
             other.left <= self.left
@@ -55,7 +55,7 @@ class PlacedName:
 
 
 def place_names(
-    wanted: Sequence[tuple[str, Box]], taken: Sequence[Box], area: Box
+    wanted: Sequence[tuple[str, LabelBox]], taken: Sequence[LabelBox], area: LabelBox
 ) -> list[PlacedName]:
     """Return the names of objects beside their boxes, in the area, and clear of each other.
 
@@ -73,15 +73,15 @@ def place_names(
     return found
 
 
-def text_box(placed: PlacedName) -> Box:
+def text_box(placed: PlacedName) -> LabelBox:
     """Return the rectangle that a name covers."""
     width = _LETTER * len(placed.name)
     x, y = placed.at
     left = x - {"start": 0.0, "middle": width / 2.0, "end": width}[placed.anchor]
-    return Box(left - 1.0, y - _HEIGHT + 2.0, left + width + 1.0, y + 2.0)
+    return LabelBox(left - 1.0, y - _HEIGHT + 2.0, left + width + 1.0, y + 2.0)
 
 
-def _candidates(name: str, box: Box) -> Iterator[PlacedName]:
+def _candidates(name: str, box: LabelBox) -> Iterator[PlacedName]:
     x, y = (box.left + box.right) / 2.0, (box.top + box.bottom) / 2.0
     yield PlacedName(name, (x, box.top - _GAP), "middle")
     yield PlacedName(name, (x, box.bottom + _HEIGHT + 1.0), "middle")

@@ -7,17 +7,17 @@ from typing import Literal
 
 from markupsafe import Markup
 
-from wil_campaign.orchestrator.reading.model import Commanded
+from wil_campaign.orchestrator.reading.model import CommandedState
 from wil_campaign.orchestrator.report.model import (
     DrawnWorld,
-    Outline,
+    ObjectOutline,
     Point,
     RunReport,
-    Track,
+    VehicleTrack,
     side_depth_m,
 )
-from wil_campaign.orchestrator.report.rendering.map_labels import Box, PlacedName, place_names
-from wil_campaign.orchestrator.report.rendering.markup import element, points_text
+from wil_campaign.orchestrator.report.rendering.map_labels import LabelBox, PlacedName, place_names
+from wil_campaign.orchestrator.report.rendering.markup import points_text, svg_element
 from wil_campaign.orchestrator.report.rendering.scales import ticks_within
 from wil_campaign.safety.fence.areas import Area, Circle
 from wil_campaign.safety.fence.geofence import Fence
@@ -79,7 +79,7 @@ def map_svg(run: RunReport, view: View) -> Markup | None:
     box = f"0 0 {_WIDTH:g} {canvas.height:g}"
     what = "above" if view == "above" else f"the side, {run.world.side_axis} to the right"
     label = f"path of the vehicles from {what}"
-    return element(
+    return svg_element(
         "svg", {"class": "map", "viewBox": box, "role": "img", "aria-label": label}, children
     )
 
@@ -130,15 +130,15 @@ def _grid(canvas: _Canvas) -> Iterator[Markup]:
 
 def _line(kind: str, begin: Point, end: Point) -> Markup:
     ends = {"x1": begin[0], "y1": begin[1], "x2": end[0], "y2": end[1]}
-    return element("line", {"class": kind, **ends})
+    return svg_element("line", {"class": kind, **ends})
 
 
 def _text(text: str, at: Point, *, anchor: str, kind: str) -> Markup:
     place = {"class": kind, "x": at[0], "y": at[1], "text-anchor": anchor}
-    return element("text", place, [text])
+    return svg_element("text", place, [text])
 
 
-def _polygons(outline: Outline, view: View) -> tuple[tuple[Point, ...], ...]:
+def _polygons(outline: ObjectOutline, view: View) -> tuple[tuple[Point, ...], ...]:
     return outline.above_m if view == "above" else outline.side_m
 
 
@@ -164,32 +164,32 @@ def _path_depth_m(run: RunReport) -> Point:
     return min(depths), max(depths)
 
 
-def _outline(outline: Outline, view: View, canvas: _Canvas, place: str) -> Markup:
+def _outline(outline: ObjectOutline, view: View, canvas: _Canvas, place: str) -> Markup:
     worlds = "virtual" if outline.is_virtual else "physical"
     kind = f"thing room {worlds}" if outline.is_room else f"thing {worlds} {place}".rstrip()
     fill = None if outline.is_room else "rgb({},{},{})".format(*outline.rgb)
     shapes = [
-        element("polygon", {"points": canvas.points(polygon), "fill": fill})
+        svg_element("polygon", {"points": canvas.points(polygon), "fill": fill})
         for polygon in _polygons(outline, view)
     ]
     route = outline.route_above_m if view == "above" else outline.route_side_m
     if route:
-        shapes.append(element("polyline", {"class": "route", "points": canvas.points(route)}))
+        shapes.append(svg_element("polyline", {"class": "route", "points": canvas.points(route)}))
     where = "only in the virtual world" if outline.is_virtual else "in the real world"
-    shapes.append(element("title", {}, [f"{outline.name}: {where}"]))
-    return element("g", {"class": kind}, shapes)
+    shapes.append(svg_element("title", {}, [f"{outline.name}: {where}"]))
+    return svg_element("g", {"class": kind}, shapes)
 
 
 def _labels(run: RunReport, view: View, side_axis: int, canvas: _Canvas) -> Iterator[Markup]:
     """Yield the names of the objects, clear of each other, of the markers and of the axes."""
-    area = Box(0.0, 0.0, _WIDTH, canvas.height - _MARGIN / 2.0)
+    area = LabelBox(0.0, 0.0, _WIDTH, canvas.height - _MARGIN / 2.0)
     wanted = []
     for outline in run.world.outlines:
         corners = [canvas.at(p) for polygon in _polygons(outline, view) for p in polygon]
         if not outline.is_room and corners:
             (left, top), (right, bottom) = _bounds(corners)
             if left < area.right and right > area.left and top < area.bottom and bottom > 0.0:
-                wanted.append((outline.name, Box(left, top, right, bottom)))
+                wanted.append((outline.name, LabelBox(left, top, right, bottom)))
     for placed in place_names(wanted, list(_taken(run, view, side_axis, canvas)), area):
         if placed.leader is not None:
             yield _line("leader", _led_from(placed), placed.leader)
@@ -201,16 +201,16 @@ def _led_from(placed: PlacedName) -> Point:
     return (x, y + 2.0) if placed.leader is not None and placed.leader[1] > y else (x, y - 9.0)
 
 
-def _taken(run: RunReport, view: View, side_axis: int, canvas: _Canvas) -> Iterator[Box]:
+def _taken(run: RunReport, view: View, side_axis: int, canvas: _Canvas) -> Iterator[LabelBox]:
     """Yield where no name may stand: axis names, and the markers of starts and of the moment."""
-    yield Box(0.0, 0.0, 60.0, 14.0)
-    yield Box(_WIDTH - _NAME_ROOM, canvas.height - 18.0, _WIDTH, canvas.height)
+    yield LabelBox(0.0, 0.0, 60.0, 14.0)
+    yield LabelBox(_WIDTH - _NAME_ROOM, canvas.height - 18.0, _WIDTH, canvas.height)
     for track in run.tracks:
         at_moment = None if run.moment is None else track.at(run.moment.t_s)
         for place in (*track.positions_ned_m[:1], at_moment):
             if place is not None:
                 x, y = canvas.at(_flat(place, view, side_axis))
-                yield Box(x - 7.0, y - 7.0, x + 7.0, y + 7.0)
+                yield LabelBox(x - 7.0, y - 7.0, x + 7.0, y + 7.0)
 
 
 def _fence_corners(world: DrawnWorld, view: View, side_axis: int) -> Iterator[Point]:
@@ -242,8 +242,8 @@ def _fences(world: DrawnWorld, view: View, side_axis: int, canvas: _Canvas) -> I
         )
         if shapes and shapes not in drawn:  # both vehicles often have the same fence
             drawn.add(shapes)
-            title = element("title", {}, [f"geofence of {vehicle}"])
-            yield element("g", {"class": "fence"}, [shapes, title])
+            title = svg_element("title", {}, [f"geofence of {vehicle}"])
+            yield svg_element("g", {"class": "fence"}, [shapes, title])
 
 
 def _fence_above(fence: Fence, canvas: _Canvas) -> Iterator[Markup]:
@@ -252,10 +252,10 @@ def _fence_above(fence: Fence, canvas: _Canvas) -> Iterator[Markup]:
             if isinstance(area, Circle):
                 x, y = canvas.at((area.centre_m[1], area.centre_m[0]))
                 radius = area.radius_m * canvas.scale
-                yield element("circle", {"class": kind, "cx": x, "cy": y, "r": radius})
+                yield svg_element("circle", {"class": kind, "cx": x, "cy": y, "r": radius})
             else:
                 corners = [(east, north) for north, east in area.corners_m]
-                yield element("polygon", {"class": kind, "points": canvas.points(corners)})
+                yield svg_element("polygon", {"class": kind, "points": canvas.points(corners)})
 
 
 def _fence_beside(fence: Fence, side_axis: int, canvas: _Canvas) -> Iterator[Markup]:
@@ -265,12 +265,12 @@ def _fence_beside(fence: Fence, side_axis: int, canvas: _Canvas) -> Iterator[Mar
     spans = [(begin[side_axis], end[side_axis]) for begin, end in bounds]
     for left, right in spans or [(canvas.low[0] - 1.0, canvas.high[0] + 1.0)]:
         corners = [(left, low), (right, low), (right, high), (left, high)]
-        yield element("polygon", {"class": "in", "points": canvas.points(corners)})
+        yield svg_element("polygon", {"class": "in", "points": canvas.points(corners)})
 
 
-def _track(track: Track, view: View, side_axis: int, canvas: _Canvas) -> Markup:
+def _track(track: VehicleTrack, view: View, side_axis: int, canvas: _Canvas) -> Markup:
     flat = [_flat(p, view, side_axis) for p in track.positions_ned_m]
-    return element(
+    return svg_element(
         "polyline",
         {
             "class": f"track {_vehicle_class(track.vehicle)}",
@@ -287,7 +287,7 @@ def _vehicle_class(vehicle: str) -> str:
 
 
 def _setpoint(
-    row: Commanded, tracks: Sequence[Track], view: View, side_axis: int, canvas: _Canvas
+    row: CommandedState, tracks: Sequence[VehicleTrack], view: View, side_axis: int, canvas: _Canvas
 ) -> Markup:
     track = next((one for one in tracks if one.vehicle == row.vehicle), None)
     place = None if track is None else track.at(row.t_s)
@@ -296,7 +296,7 @@ def _setpoint(
     kind = f"setpoint {_vehicle_class(row.vehicle)}"
     if row.setpoint_kind == "position":
         x, y = canvas.at(_flat(row.setpoint, view, side_axis))
-        return element("path", {"class": kind, "d": f"M{x - 3:.1f} {y:.1f}h6m-3 -3v6"})
+        return svg_element("path", {"class": kind, "d": f"M{x - 3:.1f} {y:.1f}h6m-3 -3v6"})
     north, east, down = (p + _ARROW_S * v for p, v in zip(place, row.setpoint, strict=True))
     begin = canvas.at(_flat(place, view, side_axis))
     end = canvas.at(_flat((north, east, down), view, side_axis))
@@ -312,11 +312,11 @@ def _arrow(kind: str, begin: Point, end: Point) -> Markup:
     right = (end[0] - 4 * ux + 2.5 * uy, end[1] - 4 * uy - 2.5 * ux)
     d = f"M{points_text([begin])} L{points_text([end])}"
     d += f" M{points_text([left])} L{points_text([end])} L{points_text([right])}"
-    return element("path", {"class": kind, "d": d})
+    return svg_element("path", {"class": kind, "d": d})
 
 
 def _markers(
-    tracks: Iterable[Track], at_s: float | None, view: View, side_axis: int, canvas: _Canvas
+    tracks: Iterable[VehicleTrack], at_s: float | None, view: View, side_axis: int, canvas: _Canvas
 ) -> Iterator[Markup]:
     for track in tracks:
         kind = _vehicle_class(track.vehicle)
@@ -324,13 +324,13 @@ def _markers(
             continue
         x, y = canvas.at(_flat(track.positions_ned_m[0], view, side_axis))
         start = {"class": f"start {kind}", "x": x - 3, "y": y - 3, "width": 6, "height": 6}
-        yield element("rect", start, [element("title", {}, [f"start of {track.vehicle}"])])
+        yield svg_element("rect", start, [svg_element("title", {}, [f"start of {track.vehicle}"])])
         place = None if at_s is None else track.at(at_s)
         if place is not None:
             x, y = canvas.at(_flat(place, view, side_axis))
             spot = {"class": f"moment {kind}", "cx": x, "cy": y, "r": 6}
-            yield element("circle", spot, [element("title", {}, [f"{track.vehicle} then"])])
-        yield element("circle", {"class": f"spot {kind}", "r": 4, "cx": -20, "cy": -20})
+            yield svg_element("circle", spot, [svg_element("title", {}, [f"{track.vehicle} then"])])
+        yield svg_element("circle", {"class": f"spot {kind}", "r": 4, "cx": -20, "cy": -20})
 
 
 def _axis_names(run: RunReport, view: View, canvas: _Canvas) -> Iterator[Markup]:

@@ -10,7 +10,7 @@ _HIDDEN = frozenset({"Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp"})
 """Unicode categories of invisible characters, and of those that change text direction."""
 
 
-def visible(text: str) -> str:
+def visible_text(text: str) -> str:
     """Return a text with control characters replaced by visible ones."""
     if text.isascii() and text.isprintable():
         return text
@@ -26,12 +26,12 @@ def _visible_letter(letter: str) -> str:
     return f"<U+{code:04X}>"
 
 
-def shown(value: object) -> object:
+def shown_value(value: object) -> object:
     """Return a value as a template prints it; markup stays unchanged."""
-    return visible(value) if type(value) is str else value
+    return visible_text(value) if type(value) is str else value
 
 
-def element(
+def svg_element(
     name: str, attributes: Mapping[str, object], children: Iterable[Markup | str] = ()
 ) -> Markup:
     """Return an element. attributes: None leaves one out; values are escaped, names are not."""
@@ -40,16 +40,16 @@ def element(
         for key, value in attributes.items()
         if value is not None
     ]
-    inner = "".join([escape(shown(child)) for child in children])
+    inner = "".join([escape(shown_value(child)) for child in children])
     # The names are literals of this package; everything else is escaped just above.
     return Markup(f"<{name}{''.join(pairs)}>{inner}</{name}>")  # noqa: S704
 
 
 def _attribute(value: object) -> str:
-    return number(value) if isinstance(value, float) else visible(str(value))
+    return number_attribute(value) if isinstance(value, float) else visible_text(str(value))
 
 
-def number(value: float) -> str:
+def number_attribute(value: float) -> str:
     """Return a number for an attribute: at most two decimals."""
     return f"{value:.2f}".rstrip("0").rstrip(".") if value else "0"
 

@@ -3,9 +3,9 @@
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
-from wil_campaign.campaigns.values.acceptance import Requirement, Share
+from wil_campaign.campaigns.values.acceptance import PassRequirement, PassShare
 from wil_campaign.orchestrator.reading.model import CampaignDocuments
-from wil_campaign.orchestrator.report.words import MODES, NOTHING, number_text, runs_text
+from wil_campaign.orchestrator.report.words import MODES, NOTHING, number_text, run_count_text
 from wil_campaign.orchestrator.run_results.acceptance_texts import (
     left_out_text,
     required_text,
@@ -14,7 +14,7 @@ from wil_campaign.orchestrator.run_results.acceptance_texts import (
     stand_in_text,
 )
 from wil_campaign.orchestrator.run_results.campaign_results import Summary
-from wil_campaign.orchestrator.run_results.caveats import caveats, synthesised_texts
+from wil_campaign.orchestrator.run_results.caveats import campaign_caveats, synthesised_texts
 from wil_campaign.orchestrator.run_results.control_results import ended_text, expected_text
 from wil_campaign.orchestrator.run_results.exit_codes import standings_of
 from wil_campaign.orchestrator.run_results.run_result import RunResult, tightest_oracle
@@ -22,7 +22,7 @@ from wil_campaign.safety.model.oracle_results import EvidenceResult
 
 
 @dataclass(frozen=True, slots=True)
-class Verdict:
+class CampaignVerdict:
     """The campaign's verdict. kind: its colour: good, bad, open."""
 
     word: str
@@ -49,14 +49,14 @@ class CaseRow:
     is_control: bool = False
 
 
-def verdict_of(documents: CampaignDocuments) -> Verdict:
+def campaign_verdict_of(documents: CampaignDocuments) -> CampaignVerdict:
     """Return the campaign's verdict in a word and in a sentence."""
     summary = documents.summary
     if summary is None:
         text = (
             "The summary of this campaign is missing or damaged: the campaign may have been killed."
         )
-        return Verdict("no verdict", "open", text)
+        return CampaignVerdict("no verdict", "open", text)
     totals = summary.totals
     required = required_text(summary.runs)
     counted = f"{required[0].upper()}{required[1:]}."
@@ -71,11 +71,11 @@ def verdict_of(documents: CampaignDocuments) -> Verdict:
     if summary.ending:
         counted += f" {summary.ending[0].upper()}{summary.ending[1:]}."
     if summary.accepted is None:
-        return Verdict("nothing required was flown", "open", counted)
+        return CampaignVerdict("nothing required was flown", "open", counted)
     if summary.accepted:
         limited = " of what was flown" if summary.left_out else ""
-        return Verdict(f"accepted{limited}", "good", counted)
-    return Verdict("not accepted", "bad", counted)
+        return CampaignVerdict(f"accepted{limited}", "good", counted)
+    return CampaignVerdict("not accepted", "bad", counted)
 
 
 def _not_accepted_because(documents: CampaignDocuments, summary: Summary) -> list[str]:
@@ -89,12 +89,12 @@ def _not_accepted_because(documents: CampaignDocuments, summary: Summary) -> lis
     return [*shortfall_texts(summary.runs, wanted), *summary.unmet]
 
 
-def stand_in(documents: CampaignDocuments) -> str:
+def stand_in_notice(documents: CampaignDocuments) -> str:
     """Return the text that no hardware flew; empty where it did."""
     return "" if documents.summary is None else stand_in_text(documents.summary)
 
 
-def limits(documents: CampaignDocuments) -> list[str]:
+def validity_limits(documents: CampaignDocuments) -> list[str]:
     """Return the limits of the verdict's validity, for the head of the page; sentences."""
     summary = documents.summary
     if summary is None:
@@ -105,7 +105,7 @@ def limits(documents: CampaignDocuments) -> list[str]:
     return [text for text in (*found, left_out_text(summary)) if text]
 
 
-def grounds(documents: CampaignDocuments) -> list[tuple[str, str]]:
+def verdict_grounds(documents: CampaignDocuments) -> list[tuple[str, str]]:
     """Return the basis of the verdict: vehicles, sensors, evidence, mixture, controls."""
     summary = documents.summary
     if summary is None:
@@ -120,13 +120,13 @@ def grounds(documents: CampaignDocuments) -> list[tuple[str, str]]:
     return found
 
 
-def cautions(documents: CampaignDocuments) -> list[str]:
+def verdict_cautions(documents: CampaignDocuments) -> list[str]:
     """Return the caveats of a green result."""
     summary = documents.summary
     if summary is None:
         return []
     found = [
-        *caveats(summary.runs),
+        *campaign_caveats(summary.runs),
         *synthesised_texts(summary),
         *summary.caveats,
         *summary.unmet,
@@ -190,7 +190,9 @@ def _standing(
     places = {
         (requirement.case, requirement.mode): requirement for requirement in documents.requirements
     }
-    wanted = places.get((case, mode)) or Requirement(case, mode, Share(len(runs), len(runs)))
+    wanted = places.get((case, mode)) or PassRequirement(
+        case, mode, PassShare(len(runs), len(runs))
+    )
     (standing,) = standings_of(runs, [wanted])
     verdict = row_verdict(standing, runs)
     if wanted.test is None:
@@ -217,7 +219,7 @@ def _evidence_texts(runs: Iterable[RunResult]) -> Iterator[str]:
     for vehicle, signals in groups.items():
         count = max(len(results) for results in signals.values())
         texts = [_signal_text(*key, results) for key, results in signals.items()]
-        yield f"{vehicle} in {runs_text(count)}, longest gap and its limit: {'; '.join(texts)}"
+        yield f"{vehicle} in {run_count_text(count)}, longest gap and its limit: {'; '.join(texts)}"
 
 
 def _signal_text(signal: str, source: str, results: Sequence[EvidenceResult]) -> str:
@@ -225,7 +227,7 @@ def _signal_text(signal: str, source: str, results: Sequence[EvidenceResult]) ->
     bad = sum(result.verdict != "PASS" for result in results)
     by = f" ({source})" if source else ""
     text = f"{signal}{by} {number_text(worst.largest_gap_s)} of {number_text(worst.limit_s, 's')}"
-    return text + (f", NOT SUFFICIENT in {runs_text(bad)}" if bad else "")
+    return text + (f", NOT SUFFICIENT in {run_count_text(bad)}" if bad else "")
 
 
 def _mixture_texts(runs: Iterable[RunResult]) -> Iterator[str]:
@@ -242,12 +244,12 @@ def _mixture_texts(runs: Iterable[RunResult]) -> Iterator[str]:
         if mixing_result.registration_error_px is not None
         and mixing_result.registration_error_px.p99 is not None
     ]
-    text = f"{frames} mixtures in {runs_text(len(mixed))}, {dropped} with something left out"
+    text = f"{frames} mixtures in {run_count_text(len(mixed))}, {dropped} with something left out"
     if errors:
         worst = number_text(max(0.1, *errors), "px", 1)
         text += f"; registration error below {worst} in 99 % of each measured"
     if unmeasured := len(mixed) - len(errors):
-        text += f"; registration error not measured in {runs_text(unmeasured)}"
+        text += f"; registration error not measured in {run_count_text(unmeasured)}"
     yield text
     names = dict.fromkeys(name for mixing_result in mixed for name in mixing_result.shown)
     for name in names:

@@ -10,14 +10,19 @@ from urllib.parse import quote
 import yaml
 from markupsafe import Markup
 
-from wil_campaign.installed_plugins import load
+from wil_campaign.installed_plugins import load_plugin_object
 from wil_campaign.orchestrator.reading.model import CampaignDocuments
-from wil_campaign.orchestrator.report.model import Frame, RunReport, Sight, Sketched
+from wil_campaign.orchestrator.report.model import (
+    PageImage,
+    PerceivedSight,
+    RunReport,
+    SketchedReading,
+)
 from wil_campaign.orchestrator.report.rendering import overview
 from wil_campaign.orchestrator.report.rendering.image_marks import marks_svg
 from wil_campaign.orchestrator.report.rendering.map_svg import map_svg
-from wil_campaign.orchestrator.report.rendering.markup import visible
-from wil_campaign.orchestrator.report.rendering.page_parts import environment, render_template
+from wil_campaign.orchestrator.report.rendering.markup import visible_text
+from wil_campaign.orchestrator.report.rendering.page_parts import page_environment, render_template
 from wil_campaign.orchestrator.report.rendering.plot_svg import (
     closeup_svg,
     plot_svg,
@@ -25,22 +30,22 @@ from wil_campaign.orchestrator.report.rendering.plot_svg import (
     time_axis_svg,
 )
 from wil_campaign.orchestrator.report.words import MODES, number_text, short_time
-from wil_campaign.orchestrator.run_results.result_parts import distinct
+from wil_campaign.orchestrator.run_results.result_parts import distinct_firmware
 from wil_campaign.orchestrator.run_results.run_result import RunResult
 from wil_campaign.vehicles.readings.kinds import traits_named
 
 
-def sketch(sight: Sight | None) -> Markup | None:
+def sketch_of_sight(sight: PerceivedSight | None) -> Markup | None:
     """Return the perceived reading over those it was mixed from, drawn by its type; else None."""
-    if sight is None or not isinstance(sight.perceived, Sketched):
+    if sight is None or not isinstance(sight.perceived, SketchedReading):
         return None
     kind = sight.perceived.kind
     shown = [
         one.document
         for one in (*sight.beside, sight.perceived)
-        if isinstance(one, Sketched) and one.kind == kind
+        if isinstance(one, SketchedReading) and one.kind == kind
     ]
-    drawn: Markup | None = load(traits_named(kind).sketch)(shown)
+    drawn: Markup | None = load_plugin_object(traits_named(kind).sketch)(shown)
     return drawn
 
 
@@ -85,7 +90,7 @@ def render_run(
     result = run.result
     verdict = "NO RESULT" if result is None else result.verdict
     html = (
-        environment()
+        page_environment()
         .get_template("run.html.j2")
         .render(
             run=run,
@@ -110,8 +115,8 @@ def render_run(
             plots=[(plot, plot_svg(plot, run)) for plot in run.plots],
             time_axis=time_axis_svg(run),
             stage_axis=stage_axis_svg(run),
-            scan=sketch(run.sight),
-            strip=[sight for sight in run.strip if isinstance(sight.perceived, Frame)],
+            scan=sketch_of_sight(run.sight),
+            strip=[sight for sight in run.strip if isinstance(sight.perceived, PageImage)],
             frames=_frames(run.sight),
             marks=marks_svg(run.sight),
             closeup=None if run.closeup is None else closeup_svg(run.closeup, run.goal_s),
@@ -136,7 +141,7 @@ def render_run(
         duration_s=number_text(None if result is None else result.duration_s, digits=1),
         margin=overview.margin_text(result),
         is_bad=went_wrong(result),
-        decides=decides(result),
+        decides=decides_verdict(result),
         html=Markup(html),  # noqa: S704 - from the template above, which escapes
         problems=run.problems,
     )
@@ -155,19 +160,19 @@ def render_page(
         script="script.js",
         campaign=documents,
         manifest=documents.manifest,
-        firmware=distinct(
+        firmware=distinct_firmware(
             flown_firmware
             for entry in documents.entries
             if entry.result
             for flown_firmware in entry.result.firmware
         ),
-        verdict=overview.verdict_of(documents),
-        grounds=overview.grounds(documents),
-        cautions=overview.cautions(documents),
+        verdict=overview.campaign_verdict_of(documents),
+        grounds=overview.verdict_grounds(documents),
+        cautions=overview.verdict_cautions(documents),
         rows=overview.case_rows(documents),
         sections=[Markup(html) for html in sections],  # noqa: S704 - escaped, by hooks.Section
         pages=pages,
-        limits=overview.limits(documents),
+        limits=overview.validity_limits(documents),
         deciding=[page for page in pages if page.is_bad and page.decides],
         others=[page for page in pages if page.is_bad and not page.decides],
         problems=documents.problems,
@@ -176,7 +181,7 @@ def render_page(
     )
 
 
-def anchors(names: Iterable[str]) -> list[str]:
+def page_anchors(names: Iterable[str]) -> list[str]:
     """Return a unique HTML id for each name, of letters that need no escaping."""
     found: list[str] = []
     for name in names:
@@ -206,7 +211,7 @@ def _badge(result: RunResult | None) -> str:
     return "met" if _is_met(result) else result.verdict
 
 
-def decides(result: RunResult | None) -> bool:
+def decides_verdict(result: RunResult | None) -> bool:
     """Return whether a run counts for the campaign's verdict: required, a control, or no result."""
     return result is None or result.required or result.control is not None
 
@@ -216,11 +221,11 @@ def went_wrong(result: RunResult | None) -> bool:
     return result is None or result.went_wrong
 
 
-def _frames(sight: Sight | None) -> list[Frame]:
+def _frames(sight: PerceivedSight | None) -> list[PageImage]:
     """Return the images of the moment: the perceived one, then those it was mixed from."""
     if sight is None:
         return []
-    return [frame for frame in (sight.perceived, *sight.beside) if isinstance(frame, Frame)]
+    return [frame for frame in (sight.perceived, *sight.beside) if isinstance(frame, PageImage)]
 
 
 def _link(run: str, name: str | None) -> str | None:
@@ -233,6 +238,8 @@ def _document_text(documents: CampaignDocuments) -> str:
     if document is None:
         return ""
     try:
-        return visible(yaml.safe_dump(document, sort_keys=False, allow_unicode=True, width=100))
+        return visible_text(
+            yaml.safe_dump(document, sort_keys=False, allow_unicode=True, width=100)
+        )
     except yaml.YAMLError:
         return json.dumps(document, indent=2, default=str)

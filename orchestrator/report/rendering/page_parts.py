@@ -8,15 +8,15 @@ from importlib.resources import files
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
-from wil_campaign.orchestrator.report.model import Frame
-from wil_campaign.orchestrator.report.rendering.markup import shown
+from wil_campaign.orchestrator.report.model import PageImage
+from wil_campaign.orchestrator.report.rendering.markup import shown_value
 from wil_campaign.orchestrator.report.words import limit_text, number_text
 
 _PACKAGE = "wil_campaign.orchestrator.report.rendering"
 
 
 @cache
-def environment(package: str = _PACKAGE) -> Environment:
+def page_environment(package: str = _PACKAGE) -> Environment:
     """Return the Jinja environment of the pages of a package: escaping, strict on undefined names.
 
     package: the one that has the folder `templates`.
@@ -27,7 +27,7 @@ def environment(package: str = _PACKAGE) -> Environment:
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
-        finalize=shown,
+        finalize=shown_value,
     )
     created.filters["number"] = number_text
     created.filters["breakable"] = _breakable
@@ -46,7 +46,7 @@ def render_template(
     """
     style, code = _resource("style.css"), _resource(script) if script else ""
     return (
-        environment(package)
+        page_environment(package)
         .get_template(name)
         .render(
             policy=_policy(style, code),
@@ -80,5 +80,5 @@ def _breakable(name: str) -> Markup:
     return Markup("_<wbr>").join(name.split("_"))
 
 
-def _data_uri(frame: Frame) -> str:
+def _data_uri(frame: PageImage) -> str:
     return f"data:image/webp;base64,{frame.webp}"

@@ -6,9 +6,16 @@ from collections.abc import Iterator, Sequence
 
 from markupsafe import Markup
 
-from wil_campaign.orchestrator.report.model import Closeup, Curve, Plot, PlotLimit, Point, RunReport
-from wil_campaign.orchestrator.report.rendering.markup import element, points_text
-from wil_campaign.orchestrator.report.rendering.scales import Scale, ticks_within, value_scale
+from wil_campaign.orchestrator.report.model import (
+    Closeup,
+    Plot,
+    PlotCurve,
+    PlotLimit,
+    Point,
+    RunReport,
+)
+from wil_campaign.orchestrator.report.rendering.markup import points_text, svg_element
+from wil_campaign.orchestrator.report.rendering.scales import AxisScale, ticks_within, value_scale
 
 _GRID = 1000.0
 """Units of the stretched drawing on both axes."""
@@ -24,15 +31,15 @@ _ROOM = 0.1
 """Share of the width for the name of a stage."""
 
 
-def time_scale(run: RunReport) -> Scale:
+def time_scale(run: RunReport) -> AxisScale:
     """Return the time axis, relative to the goal where one was given."""
     return _times(run.span_s, run.goal_s or 0.0, 8)
 
 
-def _times(span_s: Point, zero_s: float, about: int) -> Scale:
+def _times(span_s: Point, zero_s: float, about: int) -> AxisScale:
     low, high = span_s[0] - zero_s, span_s[1] - zero_s
     high = max(high, low + 1.0)
-    return Scale(low, high, ticks_within(low, high, about))
+    return AxisScale(low, high, ticks_within(low, high, about))
 
 
 def plot_svg(plot: Plot, run: RunReport) -> Markup:
@@ -47,7 +54,9 @@ def plot_svg(plot: Plot, run: RunReport) -> Markup:
     ]
     if run.moment is not None:
         children.append(_upright(times.share(run.moment.t_s - zero_s), "moment"))
-    children.append(element("line", {"class": "cursor", "y1": "0", "y2": "100%", "x1": 0, "x2": 0}))
+    children.append(
+        svg_element("line", {"class": "cursor", "y1": "0", "y2": "100%", "x1": 0, "x2": 0})
+    )
     return _chart(f"{plot.title} in {plot.unit} over time", values, children)
 
 
@@ -70,7 +79,7 @@ def closeup_svg(closeup: Closeup, goal_s: float | None) -> Markup:
         *(_limit_line(limit, times, values, zero_s) for limit in plot.limits),
         _curves(plot, times, values, zero_s),
         _upright(times.share(closeup.crossed_s - zero_s), "moment"),
-        element("circle", spot),
+        svg_element("circle", spot),
     ]
     chart = _chart(f"{plot.title} in {plot.unit} about the violation", values, children)
     return chart + _time_axis(times)
@@ -80,12 +89,12 @@ def _values_of(plot: Plot) -> Iterator[float]:
     return (value for curve in plot.curves for _, value in curve.points)
 
 
-def _chart(label: str, values: Scale, children: list[Markup]) -> Markup:
+def _chart(label: str, values: AxisScale, children: list[Markup]) -> Markup:
     chart = {"class": "chart", "width": "100%", "height": "100%", "role": "img"}
     return Markup("").join(
         [
-            element("svg", {"class": "axis", "aria-hidden": "true"}, _value_labels(values)),
-            element("svg", {**chart, "aria-label": label}, children),
+            svg_element("svg", {"class": "axis", "aria-hidden": "true"}, _value_labels(values)),
+            svg_element("svg", {**chart, "aria-label": label}, children),
         ]
     )
 
@@ -95,16 +104,16 @@ def time_axis_svg(run: RunReport) -> Markup:
     return _time_axis(time_scale(run))
 
 
-def _time_axis(times: Scale) -> Markup:
+def _time_axis(times: AxisScale) -> Markup:
     labels = [
-        element(
+        svg_element(
             "text",
             {"x": _percent(times.share(tick)), "y": 14, "text-anchor": _anchor(times.share(tick))},
             [f"{tick:g} s"],
         )
         for tick in times.ticks
     ]
-    return element("svg", {"class": "times", "width": "100%", "height": 20}, labels)
+    return svg_element("svg", {"class": "times", "width": "100%", "height": 20}, labels)
 
 
 def stage_axis_svg(run: RunReport) -> Markup:
@@ -118,10 +127,10 @@ def stage_axis_svg(run: RunReport) -> Markup:
         if 0.0 <= share <= 1.0 - _ROOM / 2 and is_free:
             named[stage] = share
     labels = [
-        element("text", {"x": _percent(share), "y": 12, "dx": 2}, [stage])
+        svg_element("text", {"x": _percent(share), "y": 12, "dx": 2}, [stage])
         for stage, share in named.items()
     ]
-    return element("svg", {"class": "stages", "width": "100%", "height": 16}, labels)
+    return svg_element("svg", {"class": "stages", "width": "100%", "height": 16}, labels)
 
 
 def _percent(share: float) -> str:
@@ -134,7 +143,7 @@ def _anchor(share: float) -> str:
     return "end" if share > 0.97 else "middle"
 
 
-def _grid(times: Scale, values: Scale) -> Iterator[Markup]:
+def _grid(times: AxisScale, values: AxisScale) -> Iterator[Markup]:
     for tick in times.ticks:
         yield _upright(times.share(tick), "grid")
     for tick in values.ticks:
@@ -143,16 +152,16 @@ def _grid(times: Scale, values: Scale) -> Iterator[Markup]:
 
 def _upright(share: float, kind: str) -> Markup:
     place = _percent(share)
-    return element("line", {"class": kind, "x1": place, "x2": place, "y1": 0, "y2": "100%"})
+    return svg_element("line", {"class": kind, "x1": place, "x2": place, "y1": 0, "y2": "100%"})
 
 
-def _level(values: Scale, value: float, kind: str, span: Point = (0.0, 1.0)) -> Markup:
+def _level(values: AxisScale, value: float, kind: str, span: Point = (0.0, 1.0)) -> Markup:
     place = _percent(1.0 - values.share(value))
     ends = {"x1": _percent(span[0]), "x2": _percent(span[1]), "y1": place, "y2": place}
-    return element("line", {"class": kind, **ends})
+    return svg_element("line", {"class": kind, **ends})
 
 
-def _limit_line(limit: PlotLimit, times: Scale, values: Scale, zero_s: float) -> Markup:
+def _limit_line(limit: PlotLimit, times: AxisScale, values: AxisScale, zero_s: float) -> Markup:
     span = (0.0, 1.0)
     if limit.span_s is not None:
         first, last = (times.share(t_s - zero_s) for t_s in limit.span_s)
@@ -160,14 +169,14 @@ def _limit_line(limit: PlotLimit, times: Scale, values: Scale, zero_s: float) ->
     return _level(values, limit.value, "limit", span)
 
 
-def _stage_lines(run: RunReport, times: Scale, zero_s: float) -> Iterator[Markup]:
+def _stage_lines(run: RunReport, times: AxisScale, zero_s: float) -> Iterator[Markup]:
     for _, t_s in run.stages:
         share = times.share(t_s - zero_s)
         if 0.0 <= share <= 1.0:
             yield _upright(share, "stage")
 
 
-def _curves(plot: Plot, times: Scale, values: Scale, zero_s: float) -> Markup:
+def _curves(plot: Plot, times: AxisScale, values: AxisScale, zero_s: float) -> Markup:
     judged = [curve for curve in plot.curves if curve.subject == plot.judged]
     curves = [
         _excess(curve, limit, times, values, zero_s)
@@ -182,13 +191,13 @@ def _curves(plot: Plot, times: Scale, values: Scale, zero_s: float) -> Markup:
         "width": "100%",
         "height": "100%",
     }
-    return element("svg", box, curves)
+    return svg_element("svg", box, curves)
 
 
-def _curve(curve: Curve, times: Scale, values: Scale, zero_s: float) -> Markup:
+def _curve(curve: PlotCurve, times: AxisScale, values: AxisScale, zero_s: float) -> Markup:
     """Return a curve as one path, broken between its stretches."""
     stretches = (_places(points, times, values, zero_s) for points in curve.stretches)
-    return element(
+    return svg_element(
         "path",
         {
             "class": f"curve {_subject(curve.subject)}",
@@ -200,7 +209,9 @@ def _curve(curve: Curve, times: Scale, values: Scale, zero_s: float) -> Markup:
     )
 
 
-def _places(points: Sequence[Point], times: Scale, values: Scale, zero_s: float) -> Sequence[Point]:
+def _places(
+    points: Sequence[Point], times: AxisScale, values: AxisScale, zero_s: float
+) -> Sequence[Point]:
     """Return where points lie in the stretched drawing."""
     return [
         (_GRID * times.share(t_s - zero_s), _GRID * (1.0 - values.share(value)))
@@ -228,7 +239,9 @@ def _with_length(places: Sequence[Point]) -> Sequence[Point]:
     return [(x - _SHORT, y), (x + _SHORT, y)]
 
 
-def _excess(curve: Curve, limit: PlotLimit, times: Scale, values: Scale, zero_s: float) -> Markup:
+def _excess(
+    curve: PlotCurve, limit: PlotLimit, times: AxisScale, values: AxisScale, zero_s: float
+) -> Markup:
     """Return the areas between a curve and a violated limit, while the limit holds."""
     first_s, last_s = limit.span_s or (-math.inf, math.inf)
     sign = 1.0 if limit.is_upper else -1.0
@@ -239,8 +252,8 @@ def _excess(curve: Curve, limit: PlotLimit, times: Scale, values: Scale, zero_s:
         for points in _stretches_beyond(inside, limit.value, sign):
             places = _places(points, times, values, zero_s)
             corners = [(places[0][0], base), *places, (places[-1][0], base)]
-            areas.append(element("polygon", {"points": points_text(corners)}))
-    return element("g", {"class": "excess"}, areas) if areas else Markup("")
+            areas.append(svg_element("polygon", {"points": points_text(corners)}))
+    return svg_element("g", {"class": "excess"}, areas) if areas else Markup("")
 
 
 def _stretches_beyond(points: Sequence[Point], value: float, sign: float) -> Iterator[list[Point]]:
@@ -264,9 +277,9 @@ def _subject(name: str) -> str:
     return name if name in {"real", "twin", "mixed", "pair"} else "other"
 
 
-def _value_labels(values: Scale) -> Iterator[Markup]:
+def _value_labels(values: AxisScale) -> Iterator[Markup]:
     for tick in values.ticks:
         share = 1.0 - values.share(tick)
         nudge = "0.8em" if share < 0.1 else "-0.2em" if share > 0.9 else "0.35em"
         place = {"x": "96%", "y": _percent(share), "dy": nudge, "text-anchor": "end"}
-        yield element("text", place, [values.tick_text(tick)])
+        yield svg_element("text", place, [values.tick_text(tick)])

@@ -8,7 +8,7 @@ _LEAST_SPAN = 1e-6
 
 
 @dataclass(frozen=True, slots=True)
-class Scale:
+class AxisScale:
     """An axis from low to high, with ticks in between."""
 
     low: float
@@ -38,7 +38,7 @@ def ticks_within(low: float, high: float, about: int) -> tuple[float, ...]:
     return tuple(round(index * step, 9) for index in range(first, min(last, first + 200) + 1))
 
 
-def value_scale(values: Iterable[float], about: int = 3) -> Scale:
+def value_scale(values: Iterable[float], about: int = 3) -> AxisScale:
     """Return an axis that contains all values and ends at round numbers."""
     finite = [value for value in values if math.isfinite(value)] or [0.0, 1.0]
     low, high = min(finite), max(finite)
@@ -46,4 +46,4 @@ def value_scale(values: Iterable[float], about: int = 3) -> Scale:
         low, high = low - 0.5, high + 0.5
     step = tick_step(high - low, about)
     low, high = math.floor(low / step) * step, math.ceil(high / step) * step
-    return Scale(low, high, ticks_within(low, high, about))
+    return AxisScale(low, high, ticks_within(low, high, about))

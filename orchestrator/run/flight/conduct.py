@@ -4,18 +4,18 @@ import asyncio
 from collections.abc import Callable, Coroutine
 from typing import Any
 
-from wil_campaign.foundation.tasks import finish, stop, together
+from wil_campaign.foundation.tasks import finish_in_task, open_task_group, stop_tasks
 from wil_campaign.orchestrator.run.flight.run_parts import FlightParts
 from wil_campaign.orchestrator.run.perception.autonomy_calls import AutonomyFault
 from wil_campaign.orchestrator.run.perception.autonomy_runner import AutonomyRunner
 from wil_campaign.orchestrator.run.stages.pair_flight import fly_together
-from wil_campaign.orchestrator.run.vehicles.pair import Pair
+from wil_campaign.orchestrator.run.vehicles.pair import VehiclePair
 from wil_campaign.orchestrator.state.run_state import FlightError, RunState
 from wil_campaign.orchestrator.state.vehicle_context import VehicleContext
 from wil_campaign.recipes.working import StepError
 from wil_campaign.safety.guard.core.commands import BringDown
-from wil_campaign.safety.guard.core.contingency import Phase
-from wil_campaign.safety.guard.core.events import GuardEvent, decisive
+from wil_campaign.safety.guard.core.contingency import ContingencyPhase
+from wil_campaign.safety.guard.core.events import GuardEvent, decisive_guard_event
 from wil_campaign.vehicles.driver.vehicle_state import StatusText
 from wil_campaign.vehicles.errors import VehicleError
 
@@ -26,7 +26,7 @@ EXPECTED = (VehicleError, FlightError, StepError, AutonomyFault)
 Start = Callable[[], Coroutine[Any, Any, object]]
 
 
-async def conduct(run: FlightParts) -> None:
+async def conduct_flight(run: FlightParts) -> None:
     """Fly the run; whatever happens, everything has landed before this returns."""
     for context in run.pair.contexts:
         run.oracle_runner.attach(context)
@@ -53,7 +53,7 @@ async def conduct(run: FlightParts) -> None:
         background_jobs += (("twin distance", lambda: twin.run(run.pair.contexts, sign)),)
     if run.lateness is not None:
         background_jobs += (("lateness", run.lateness.run),)
-    async with together() as tasks:
+    async with open_task_group() as tasks:
         background = [
             tasks.create_task(_run_until_end(run_state, name, begin), name=name)
             for name, begin in background_jobs
@@ -63,8 +63,8 @@ async def conduct(run: FlightParts) -> None:
         try:
             await asyncio.wait([flight, over, *background], return_when=asyncio.FIRST_COMPLETED)
         finally:
-            await finish(_finish(run, flight), name="landing")
-            await stop(over, *background)
+            await finish_in_task(_finish(run, flight), name="landing")
+            await stop_tasks(over, *background)
 
 
 async def _run_until_end(run_state: RunState, name: str, begin: Start) -> None:
@@ -83,7 +83,7 @@ async def _finish(run: FlightParts, flight: "asyncio.Task[None]") -> None:
     An internal exception in one step does not keep the later steps from being done.
     """
     run_state = run.run_state
-    await _run_end_step(run_state, "ending the flight", lambda: stop(flight))
+    await _run_end_step(run_state, "ending the flight", lambda: stop_tasks(flight))
     for _ in range(_LANDINGS):
         if await _run_end_step(run_state, "landing", lambda: _land(run)):
             break
@@ -110,7 +110,7 @@ async def _run_end_step(run_state: RunState, name: str, do: Start) -> bool:
 
 async def _land(run: FlightParts) -> None:
     """Bring the run's vehicles down, or check that they are."""
-    down = verify_landed if run.run_state.reached("landed") else bring_down
+    down = verify_landed if run.run_state.reached("landed") else bring_vehicles_down
     await down(run.pair, run.run_state)
 
 
@@ -134,12 +134,12 @@ async def _flight(run: FlightParts) -> None:
 
 async def _fly_stages(run: FlightParts) -> None:
     """Fly the run's stages with the pair, and its actors meanwhile."""
-    async with together() as tasks:
+    async with open_task_group() as tasks:
         flying = [
             tasks.create_task(actor.fly(), name=f"actor {actor.name}") for actor in run.actors
         ]
         await _fly_pair_stages(run)
-        await stop(*flying)
+        await stop_tasks(*flying)
 
 
 async def _fly_pair_stages(run: FlightParts) -> None:
@@ -168,7 +168,7 @@ def _receive_guard_event(run: FlightParts, event: GuardEvent) -> None:
     run.feed.guard(event)
     if event.kind == "alone":
         _drop_out(run, event)
-    settled = decisive(event)
+    settled = decisive_guard_event(event)
     if event.kind == "silence" and (autonomy := _holding_autonomy(run)) is not None:
         name, text = autonomy
         run.run_state.decide("FAIL", text, t_s=event.t_s, source=f"autonomy/{name}")
@@ -230,7 +230,7 @@ _AGREED_S = 3.0
 """Three heartbeats: the guard has so long to confirm what the driver reported."""
 
 
-async def bring_down(pair: Pair, run_state: RunState) -> None:
+async def bring_vehicles_down(pair: VehiclePair, run_state: RunState) -> None:
     """Have the guard land every vehicle that is in the air or armed, and wait for it."""
     guard = pair.guard
     first = run_state.decisive[0].text if run_state.decisive else "the flight was not completed"
@@ -247,7 +247,7 @@ async def bring_down(pair: Pair, run_state: RunState) -> None:
         run_state.enter("landed")
 
 
-async def verify_landed(pair: Pair, run_state: RunState) -> None:
+async def verify_landed(pair: VehiclePair, run_state: RunState) -> None:
     """Check with the guard that all vehicles have landed; else have it land them.
 
     A heartbeat that was replayed, or comes from another vehicle with the same system ID, may report
@@ -257,14 +257,16 @@ async def verify_landed(pair: Pair, run_state: RunState) -> None:
         return
     text = f"the guard did not confirm within {_AGREED_S:g} s that all vehicles are disarmed"
     run_state.decide("ERROR", text)
-    await bring_down(pair, run_state)
+    await bring_vehicles_down(pair, run_state)
 
 
-async def confirmed_at_rest(pair: Pair) -> frozenset[str]:
+async def confirmed_at_rest(pair: VehiclePair) -> frozenset[str]:
     """Return the vehicles of a run that the guard confirms to be disarmed."""
     if await pair.guard.at_rest(_AGREED_S):
         return frozenset(pair.guard.phases)
-    return frozenset(name for name, phase in pair.guard.phases.items() if phase is Phase.DOWN)
+    return frozenset(
+        name for name, phase in pair.guard.phases.items() if phase is ContingencyPhase.DOWN
+    )
 
 
 _LAST_TEXTS = 4
@@ -274,7 +276,7 @@ _WARNING = 4
 """MAV_SEVERITY_WARNING: a graver text may explain an end long after it, a lesser one may not."""
 
 
-def last_statustext(pair: Pair, event: GuardEvent, *, armed_s: float | None) -> str:
+def last_statustext(pair: VehiclePair, event: GuardEvent, *, armed_s: float | None) -> str:
     """Return the last texts of the vehicle of a guard event: lost, failsafe, landed alone.
 
     armed_s: when the vehicles were to arm; texts of the preflight ended no flight. What only tells

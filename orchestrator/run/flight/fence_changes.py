@@ -7,7 +7,7 @@ from typing import get_args
 
 from wil_campaign.campaigns.setup.vehicle_fences import changed_fences
 from wil_campaign.foundation.files.documents import BadInput
-from wil_campaign.foundation.tasks import start, stop
+from wil_campaign.foundation.tasks import start_task, stop_tasks
 from wil_campaign.orchestrator.run.vehicles.onboard_fences import OnboardFences
 from wil_campaign.safety.fence.fence_files import parse_fence_file
 from wil_campaign.safety.fence.geofence import Fence
@@ -109,8 +109,8 @@ class FenceChanges:
         await self._idle.wait()
 
     async def _handle(self, command: OperatorCommand) -> None:
-        change = start(self._change(command), name="fence change")
-        landing = start(self._landing.wait(), name="landing begun")
+        change = start_task(self._change(command), name="fence change")
+        landing = start_task(self._landing.wait(), name="landing begun")
         try:
             await asyncio.wait({change, landing}, return_when=asyncio.FIRST_COMPLETED)
             if self._may_take_fence:
@@ -125,7 +125,7 @@ class FenceChanges:
                 self._answer(command, False, f"geofence: all vehicles are landing; {_OLD_APPLIES}")
         finally:
             self._may_take_fence = False
-            await stop(change, landing)
+            await stop_tasks(change, landing)
         while self._onboard_fences.unsettled and not self._ending:
             if await self._restore_old():
                 await asyncio.sleep(_RETRY_S)

@@ -69,6 +69,6 @@ class MachineLateness:
         return f", {t_s - goal_s:.2f} s after the goal"
 
 
-def remedy_of(*, virtual: bool) -> str:
+def lateness_remedy(*, virtual: bool) -> str:
     """Return what to do about a late machine. virtual: whether the campaign can be flown so."""
     return "fly it by --clock virtual, or on a free machine" if virtual else "fly on a free machine"

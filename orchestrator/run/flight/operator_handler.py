@@ -4,15 +4,15 @@ import asyncio
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from wil_campaign.orchestrator.operator.run_messages import Inbox
+from wil_campaign.orchestrator.operator.run_messages import OperatorInbox
 from wil_campaign.orchestrator.recording.run_recorder import RunRecorder
 from wil_campaign.orchestrator.run.flight.fence_changes import FenceChanges
-from wil_campaign.orchestrator.run.flight.progress_reporter import ProgressReporter
+from wil_campaign.orchestrator.run.flight.progress_reporter import RunProgressReporter
 from wil_campaign.orchestrator.run.judging.oracle_runner import OracleRunner
 from wil_campaign.orchestrator.run.vehicles.onboard_fences import OnboardFences
-from wil_campaign.orchestrator.run.vehicles.pair import Pair
+from wil_campaign.orchestrator.run.vehicles.pair import VehiclePair
 from wil_campaign.orchestrator.state.run_setup import RunSetup
-from wil_campaign.safety.guard.core.commands import Operate
+from wil_campaign.safety.guard.core.commands import OperatorAction
 from wil_campaign.safety.guard.core.operator_command import OperatorCommand
 from wil_campaign.safety.guard.guard import Guard
 
@@ -23,7 +23,7 @@ _POLL_S = 0.05
 class OperatorHandler:
     """Handles a run's operator commands. record, acknowledge: called with each command."""
 
-    inbox: Inbox
+    inbox: OperatorInbox
     guard: Guard
     fence_changes: FenceChanges
     record: Callable[[OperatorCommand], None]
@@ -43,17 +43,17 @@ class OperatorHandler:
         if command.kind == "geofence":
             self.fence_changes.ask(command)
         else:
-            self.guard.send(Operate(command))
+            self.guard.send(OperatorAction(command))
 
 
 def operator_handler_of(
     setup: RunSetup,
-    pair: Pair,
+    pair: VehiclePair,
     oracle_runner: OracleRunner,
     *,
-    reporter: ProgressReporter,
+    reporter: RunProgressReporter,
     recorder: RunRecorder,
-    inbox: Inbox,
+    inbox: OperatorInbox,
     onboard_fences: OnboardFences,
 ) -> OperatorHandler:
     """Return the handler of a run's operator commands."""

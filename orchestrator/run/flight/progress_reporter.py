@@ -5,10 +5,10 @@ from collections.abc import Callable, Iterable, Mapping
 
 from wil_campaign.campaigns.expansion.expansion import RunPlan
 from wil_campaign.orchestrator.operator.run_messages import (
-    Happening,
     HappeningKind,
-    Progress,
     Report,
+    RunEventReport,
+    RunProgressReport,
     VehicleProgress,
 )
 from wil_campaign.orchestrator.run.perception.mixing_statistics import MixingStatistics
@@ -22,7 +22,7 @@ from wil_campaign.safety.model.verdict import DecisiveEvent
 PROGRESS_S = 0.5
 
 
-class ProgressReporter:
+class RunProgressReporter:
     """Reports the progress and the events of one run. kinds: of the oracles, by name."""
 
     def __init__(
@@ -71,7 +71,7 @@ class ProgressReporter:
         while True:
             statistics = mixing()
             self._report(
-                Progress(
+                RunProgressReport(
                     case=plan.case,
                     mode=plan.mode,
                     repetition=plan.repetition,
@@ -88,7 +88,7 @@ class ProgressReporter:
 
     def _reply(self, command: OperatorCommand, kind: HappeningKind, word: str, text: str) -> None:
         self._report(
-            Happening(
+            RunEventReport(
                 run=self._plan.name,
                 t_s=asyncio.get_running_loop().time(),
                 kind=kind,
@@ -110,7 +110,7 @@ class ProgressReporter:
         self, kind: HappeningKind, word: str, text: str, *, t_s: float, vehicle: str = ""
     ) -> None:
         self._report(
-            Happening(
+            RunEventReport(
                 run=self._plan.name, t_s=t_s, kind=kind, word=word, vehicle=vehicle, text=text
             )
         )

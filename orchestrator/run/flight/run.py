@@ -7,15 +7,15 @@ from contextlib import ExitStack
 from functools import partial
 from typing import Any
 
-from wil_campaign.foundation.clocks.virtual_loop import run_on
-from wil_campaign.foundation.tasks import FAULTS, TakeFault, TaskAccount, asked_to_end
-from wil_campaign.orchestrator.operator.run_messages import Inbox, Report
-from wil_campaign.orchestrator.run.flight.conduct import EXPECTED, conduct
+from wil_campaign.foundation.clocks.virtual_loop import run_on_clock
+from wil_campaign.foundation.tasks import FAULTS, TakeFault, TaskAccount, is_task_cancellation
+from wil_campaign.orchestrator.operator.run_messages import OperatorInbox, Report
+from wil_campaign.orchestrator.run.flight.conduct import EXPECTED, conduct_flight
 from wil_campaign.orchestrator.run.flight.run_parts import GroundParts, flight_parts, ground_parts
 from wil_campaign.orchestrator.run.judging.run_outcome import (
     broken_result,
     external_result,
-    result_of,
+    run_result_of,
 )
 from wil_campaign.orchestrator.run.perception.autonomy_calls import AutonomyFault
 from wil_campaign.orchestrator.run.perception.autonomy_runner import AutonomyRunner
@@ -23,8 +23,12 @@ from wil_campaign.orchestrator.run.perception.runner_factory import open_runners
 from wil_campaign.orchestrator.run.perception.stray_errors import decide_stray
 from wil_campaign.orchestrator.run.perception.warm_up import warm_up
 from wil_campaign.orchestrator.run.vehicles.firmware_record import flown_firmware
-from wil_campaign.orchestrator.run.vehicles.pair import Pair, open_pair
-from wil_campaign.orchestrator.run_results.run_result import Loss, RunResult, SlowAutonomy
+from wil_campaign.orchestrator.run.vehicles.pair import VehiclePair, open_pair
+from wil_campaign.orchestrator.run_results.run_result import (
+    RunResult,
+    SlowAutonomy,
+    TopicMessageLoss,
+)
 from wil_campaign.orchestrator.state.faults import fault_log
 from wil_campaign.orchestrator.state.run_setup import RunSetup
 from wil_campaign.orchestrator.state.run_state import RunState
@@ -32,21 +36,21 @@ from wil_campaign.recipes.working import StepError
 from wil_campaign.vehicles.errors import VehicleError
 from wil_campaign.vehicles.links.link import LinkError
 
-Disturb = Callable[[Pair, RunState], None]
+Disturb = Callable[[VehiclePair, RunState], None]
 """Called with the pair once it is open; injects faults at its own times: kill, mute, break."""
 
 
-def fly(
-    setup: RunSetup, report: Report, inbox: Inbox, *, disturb: Disturb | None = None
+def fly_one_run(
+    setup: RunSetup, report: Report, inbox: OperatorInbox, *, disturb: Disturb | None = None
 ) -> RunResult:
     """Fly one run on its clock and return its result; its recordings are then in its folder.
 
     disturb: for runs that test the reaction to a fault.
     """
     warm_up(setup)
-    flown = Flown(setup)
+    flown = FlownRun(setup)
     try:
-        run_on(setup.clock, flown.fly(report, inbox, disturb))
+        run_on_clock(setup.clock, flown.fly(report, inbox, disturb))
     except FAULTS as error:
         if flown.run_state is None:
             raise
@@ -56,7 +60,7 @@ def fly(
     return flown.result()
 
 
-class Flown:
+class FlownRun:
     """One run from its start to its result, also when an internal exception ends it."""
 
     def __init__(self, setup: RunSetup) -> None:
@@ -67,7 +71,7 @@ class Flown:
         self._end_s = 0.0
         self.run_state: RunState | None = None
 
-    async def fly(self, report: Report, inbox: Inbox, disturb: Disturb | None) -> None:
+    async def fly(self, report: Report, inbox: OperatorInbox, disturb: Disturb | None) -> None:
         """Fly the run; exceptions, and tasks that do not end when cancelled, decide the run."""
         setup, loop = self._setup, asyncio.get_running_loop()
         run_state = RunState(time=loop.time, log_fault=fault_log(setup.order.folder / "log.jsonl"))
@@ -80,7 +84,7 @@ class Flown:
         self._end_s = loop.time()
 
     async def _fly(
-        self, run_state: RunState, report: Report, inbox: Inbox, disturb: Disturb | None
+        self, run_state: RunState, report: Report, inbox: OperatorInbox, disturb: Disturb | None
     ) -> None:
         """Open the run's streams and fly its vehicles."""
         setup = self._setup
@@ -93,7 +97,7 @@ class Flown:
             except (VehicleError, LinkError, StepError) as error:
                 run_state.decide("ERROR", str(error))
             except FAULTS as error:
-                if asked_to_end(error):
+                if is_task_cancellation(error):
                     raise
                 # Recorded here, while the recordings are still open.
                 run_state.fault(error, "the run")
@@ -115,7 +119,7 @@ class Flown:
         end_s = run_state.entered_s.get("end", self._end_s)
         if ground is not None:
             with run_state.recording_faults("the result"):
-                return result_of(
+                return run_result_of(
                     setup=self._setup,
                     run_state=run_state,
                     judge=ground.judge,
@@ -129,7 +133,8 @@ class Flown:
                     fence_changes=tuple(ground.oracle_runner.fence_changes),
                     twin=None if ground.twin is None else ground.twin.result(),
                     losses=tuple(
-                        Loss(loss.topic, loss.offered, loss.lost) for loss in ground.recorder.losses
+                        TopicMessageLoss(loss.topic, loss.offered, loss.lost)
+                        for loss in ground.recorder.losses
                     ),
                     actors=tuple(actor.result() for actor in ground.actors),
                     slow=_slow_autonomies(ground),
@@ -141,7 +146,7 @@ class Flown:
         return broken_result(self._setup, run_state, end_s=end_s, wall_s=wall_s)
 
 
-async def _fly_pair(ground: GroundParts, inbox: Inbox, disturb: Disturb | None) -> None:
+async def _fly_pair(ground: GroundParts, inbox: OperatorInbox, disturb: Disturb | None) -> None:
     """Open the external I/O and fly the vehicles; all have landed and stopped on return."""
     async with ground.external_io as external_io:
         if external_io.disagreements:
@@ -153,7 +158,7 @@ async def _fly_pair(ground: GroundParts, inbox: Inbox, disturb: Disturb | None) 
         await _fly_in_world(ground, inbox, disturb)
 
 
-async def _fly_in_world(ground: GroundParts, inbox: Inbox, disturb: Disturb | None) -> None:
+async def _fly_in_world(ground: GroundParts, inbox: OperatorInbox, disturb: Disturb | None) -> None:
     """Start the run's vehicles, fly them, and stop them before this returns."""
     setup, run_state = ground.setup, ground.run_state
     record = ground.sync.recording(ground.recorder.frame)
@@ -169,7 +174,7 @@ async def _fly_in_world(ground: GroundParts, inbox: Inbox, disturb: Disturb | No
         run = flight_parts(ground, pair, runners, inbox)
         if disturb is not None:
             disturb(pair, run_state)
-        await conduct(run)
+        await conduct_flight(run)
         ground.oracle_runner.last_state(asyncio.get_running_loop().time())
 
 

@@ -12,7 +12,7 @@ from wil_campaign.orchestrator.live_feed.feed_messages import (
     flown_poses,
 )
 from wil_campaign.orchestrator.live_feed.feed_publisher import FeedPublisher, Note
-from wil_campaign.orchestrator.recording.recording_facts import facts_of
+from wil_campaign.orchestrator.recording.recording_facts import facts_of_run
 from wil_campaign.orchestrator.run.judging.oracle_runner import OracleRunner
 from wil_campaign.orchestrator.run.perception.mixing_loop import MixingLoop
 from wil_campaign.orchestrator.run.perception.perception import Perception
@@ -58,7 +58,7 @@ class RunFeed:
             run=str(setup.order.folder.absolute()),
             time=self._time,
             facts=lambda: {
-                **facts_of(setup),
+                **facts_of_run(setup),
                 "epoch_ns": str(epoch_ns),
                 "clock": setup.clock,
             },

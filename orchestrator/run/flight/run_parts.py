@@ -12,17 +12,17 @@ from functools import partial
 from typing import Any
 
 from wil_campaign.orchestrator.external.external_io import ExternalIo
-from wil_campaign.orchestrator.operator.run_messages import Inbox, Report
+from wil_campaign.orchestrator.operator.run_messages import OperatorInbox, Report
 from wil_campaign.orchestrator.recording.mcap.mcap_settings import recording_settings
-from wil_campaign.orchestrator.recording.recording_facts import facts_of
+from wil_campaign.orchestrator.recording.recording_facts import facts_of_run
 from wil_campaign.orchestrator.recording.run_recorder import RunRecorder
 from wil_campaign.orchestrator.recording.timestamps import VIRTUAL_EPOCH_S
-from wil_campaign.orchestrator.run.flight.lateness import MachineLateness, remedy_of
+from wil_campaign.orchestrator.run.flight.lateness import MachineLateness, lateness_remedy
 from wil_campaign.orchestrator.run.flight.operator_handler import (
     OperatorHandler,
     operator_handler_of,
 )
-from wil_campaign.orchestrator.run.flight.progress_reporter import ProgressReporter
+from wil_campaign.orchestrator.run.flight.progress_reporter import RunProgressReporter
 from wil_campaign.orchestrator.run.flight.run_feed import RunFeed
 from wil_campaign.orchestrator.run.flight.watchdog import Watchdog, stage_patience_s
 from wil_campaign.orchestrator.run.judging.oracle_runner import OracleRunner
@@ -42,20 +42,20 @@ from wil_campaign.orchestrator.run.stages.synchronisation import Synchronisation
 from wil_campaign.orchestrator.run.stages.twin_monitor import TwinMonitor
 from wil_campaign.orchestrator.run.vehicles.arming_record import ArmingRecord
 from wil_campaign.orchestrator.run.vehicles.onboard_configuration import OnboardConfiguration
-from wil_campaign.orchestrator.run.vehicles.pair import Pair
-from wil_campaign.orchestrator.run.vehicles.preflight_checks import Preflight
+from wil_campaign.orchestrator.run.vehicles.pair import VehiclePair
+from wil_campaign.orchestrator.run.vehicles.preflight_checks import PreflightChecks
 from wil_campaign.orchestrator.state.mixtures import PreviewImages
 from wil_campaign.orchestrator.state.run_setup import RunSetup
 from wil_campaign.orchestrator.state.run_state import RunState, Stage
 from wil_campaign.orchestrator.state.signal_faults import SignalFaults
 from wil_campaign.orchestrator.state.vehicle_context import VehicleContext
 from wil_campaign.safety.evaluation.judge import COLLISION_ALWAYS, Judge
-from wil_campaign.safety.evaluation.judge_log import ActorPose, WorldEvent
+from wil_campaign.safety.evaluation.judge_log import ActorPose, LoggedWorldEvent
 from wil_campaign.safety.model.oracle_results import Flag
 from wil_campaign.safety.model.samples import PoseSample
 from wil_campaign.vehicles.readings import Reading
 from wil_campaign.worlds.scene.motion import MOMENTS
-from wil_campaign.worlds.scene.track import RunHistory, Track
+from wil_campaign.worlds.scene.track import ObjectTrack, RunHistory
 
 
 def recorder_of(setup: RunSetup, run_state: RunState, kinds: Mapping[str, str]) -> RunRecorder:
@@ -75,7 +75,7 @@ def recorder_of(setup: RunSetup, run_state: RunState, kinds: Mapping[str, str]) 
         clock=setup.clock,
         settings=recording_settings(setup.case.record),
         broken=lambda why: run_state.decide("ERROR", why, source="recording"),
-        facts=facts_of(setup),
+        facts=facts_of_run(setup),
         fault=run_state.fault,
         incomplete=lambda why: run_state.decide(
             "INVALID", why, source="recording", ends_flight=False
@@ -100,8 +100,8 @@ class GroundParts:
     recorder: RunRecorder
     sync: Synchronisation
     twin: TwinMonitor | None
-    reporter: ProgressReporter
-    preflight: Preflight
+    reporter: RunProgressReporter
+    preflight: PreflightChecks
     arming: ArmingRecord
     feed: RunFeed
     perception: Perception | None = None
@@ -113,7 +113,7 @@ class GroundParts:
 class FlightParts(GroundParts):
     """The parts of a run that its tasks share: those before its vehicles, and these."""
 
-    pair: Pair
+    pair: VehiclePair
     perception: Perception
     goal: GoalFlight
     operator_hold: OperatorHold
@@ -127,13 +127,13 @@ def ground_parts(
     setup: RunSetup, run_state: RunState, report: Report, streams: ExitStack
 ) -> GroundParts:
     """Return the run's parts that exist before its vehicles; opens its recordings on `streams`."""
-    events = RunHistory({actor.name: Track() for actor in setup.actors})
+    events = RunHistory({actor.name: ObjectTrack() for actor in setup.actors})
     judge = build_judge(setup, events)
     kinds = {use.name: use.kind for use in (*setup.case.oracles, COLLISION_ALWAYS)}
     recorder = streams.enter_context(recorder_of(setup, run_state, kinds))
     run_state.on_stage(recorder.stage)
     run_state.on_decisive(recorder.decisive)
-    reporter = ProgressReporter(
+    reporter = RunProgressReporter(
         plan=setup.order.plan, report=report, run_state=run_state, kinds=kinds
     )
     feed = streams.enter_context(
@@ -171,7 +171,7 @@ def ground_parts(
         sync=Synchronisation(setup=setup.case.sync, run_state=run_state),
         twin=_twin_monitor(setup, run_state),
         reporter=reporter,
-        preflight=Preflight(setup=setup, note=recorder.note),
+        preflight=PreflightChecks(setup=setup, note=recorder.note),
         arming=ArmingRecord(now=asyncio.get_running_loop().time, note=recorder.note),
         feed=feed,
     )
@@ -190,7 +190,7 @@ def _twin_monitor(setup: RunSetup, run_state: RunState) -> TwinMonitor | None:
 
 
 def flight_parts(
-    ground: GroundParts, pair: Pair, runners: Mapping[str, AnyRunner], inbox: Inbox
+    ground: GroundParts, pair: VehiclePair, runners: Mapping[str, AnyRunner], inbox: OperatorInbox
 ) -> FlightParts:
     """Return the run with all its parts connected to the vehicles."""
     setup, run_state, recorder, sync = ground.setup, ground.run_state, ground.recorder, ground.sync
@@ -246,11 +246,11 @@ def _lateness(setup: RunSetup, run_state: RunState) -> MachineLateness | None:
     """Return what measures how late the run's loop is; None where its clock waits for it."""
     if setup.clock != "wall":
         return None
-    remedy = remedy_of(virtual=all(flown.embedded for flown in setup.guarded))
+    remedy = lateness_remedy(virtual=all(flown.embedded for flown in setup.guarded))
     return MachineLateness(run_state=run_state, remedy=remedy)
 
 
-def _signal_faults(ground: GroundParts, pair: Pair) -> SignalFaults:
+def _signal_faults(ground: GroundParts, pair: VehiclePair) -> SignalFaults:
     """Return the run's signal faults, injected into the pair's pose sources."""
     names = {vehicle.name for vehicle in ground.setup.with_sensors}
     faults = SignalFaults(
@@ -263,7 +263,7 @@ def _signal_faults(ground: GroundParts, pair: Pair) -> SignalFaults:
     return faults
 
 
-def _goal_flight(ground: GroundParts, pair: Pair, perception: Perception) -> GoalFlight:
+def _goal_flight(ground: GroundParts, pair: VehiclePair, perception: Perception) -> GoalFlight:
     """Return the flight of the run's goal; it passes the world's events on."""
     setup = ground.setup
     goal = GoalFlight(
@@ -280,7 +280,7 @@ def _goal_flight(ground: GroundParts, pair: Pair, perception: Perception) -> Goa
     return goal
 
 
-def _before_arming(ground: GroundParts, pair: Pair) -> BeforeArming:
+def _before_arming(ground: GroundParts, pair: VehiclePair) -> BeforeArming:
     """Return the steps that the run's vehicles go through before they arm."""
     return BeforeArming(
         setup=ground.setup,
@@ -301,7 +301,7 @@ def _before_arming(ground: GroundParts, pair: Pair) -> BeforeArming:
 
 
 def _actor_flights(
-    ground: GroundParts, pair: Pair, operator_hold: OperatorHold
+    ground: GroundParts, pair: VehiclePair, operator_hold: OperatorHold
 ) -> tuple[ActorFlight, ...]:
     """Return the flights of the run's actors; their poses go to world and judge log."""
 
@@ -326,9 +326,9 @@ def _actor_flights(
     )
 
 
-def _world_event(recorder: RunRecorder, pair: Pair, name: str, t_s: float) -> None:
+def _world_event(recorder: RunRecorder, pair: VehiclePair, name: str, t_s: float) -> None:
     """Record an event of the world in the run, and pass it to the vehicles."""
-    recorder.judged(WorldEvent(t_s, name))
+    recorder.judged(LoggedWorldEvent(t_s, name))
     pair.notify(name, t_s)
 
 

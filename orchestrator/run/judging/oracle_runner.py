@@ -16,7 +16,7 @@ from wil_campaign.orchestrator.run_results.run_result import FenceChange
 from wil_campaign.orchestrator.state.run_state import RunState, Stage
 from wil_campaign.orchestrator.state.vehicle_context import VehicleContext
 from wil_campaign.safety.evaluation.judge import Judge
-from wil_campaign.safety.evaluation.judge_log import LoggedSample, Tick
+from wil_campaign.safety.evaluation.judge_log import ClockTick, LoggedSample
 from wil_campaign.safety.fence.geofence import Fence
 from wil_campaign.safety.model.oracle_results import Flag, OracleResult
 from wil_campaign.safety.model.samples import (
@@ -125,7 +125,7 @@ class OracleRunner:
             alive()
             for context in self._contexts:
                 self._state(context, loop.time())
-            tick = Tick(loop.time())
+            tick = ClockTick(loop.time())
             self._log_sample(tick)
             self._pass_on_flags(self._judge.tick(tick.t_s))
 

@@ -12,7 +12,7 @@ from wil_campaign.campaigns.values.external_setups import (
     PoseAccuracy,
 )
 from wil_campaign.orchestrator.state.run_setup import RunSetup
-from wil_campaign.safety.evidence.agreement import Accuracy
+from wil_campaign.safety.evidence.agreement import SourceAccuracy
 from wil_campaign.safety.evidence.evidence import POSE, VELOCITY
 from wil_campaign.safety.evidence.terms import (
     MOST_GAP_S,
@@ -21,7 +21,7 @@ from wil_campaign.safety.evidence.terms import (
     status_limit_s,
 )
 from wil_campaign.safety.oracles.oracle import MotionName, Oracle
-from wil_campaign.safety.oracles.oracle_terms import STAGES, Window
+from wil_campaign.safety.oracles.oracle_terms import STAGES, StageWindow
 from wil_campaign.vehicles.autopilots.autopilot import TelemetryRates
 from wil_campaign.vehicles.driver.vehicle_state import ReportName
 
@@ -68,7 +68,7 @@ def _pose_terms(setup: RunSetup, vehicle: VehicleSetup, oracles: Iterable[Oracle
     )
 
 
-def _references(source: str) -> dict[str, Accuracy]:
+def _references(source: str) -> dict[str, SourceAccuracy]:
     """Return the accuracy of the other sources of a vehicle's pose, by source.
 
     The velocity of an estimate is not compared with the simulator's ground truth: where the
@@ -124,12 +124,12 @@ def _rates(rates: TelemetryRates) -> Mapping[ReportName, float]:
     }
 
 
-def _widest(windows: Iterable[Window]) -> Window:
+def _widest(windows: Iterable[StageWindow]) -> StageWindow:
     """Return the evidence window from the earliest first to the latest last stage, until landed."""
     known = tuple(windows)
     first = min((window.first for window in known), key=STAGES.index)
     last = max((window.last for window in known), key=STAGES.index)
-    return Window(first, "landed" if last == "end" else last)
+    return StageWindow(first, "landed" if last == "end" else last)
 
 
 def _pose_limit_s(setup: RunSetup, vehicle: VehicleSetup) -> float:
@@ -148,8 +148,8 @@ def pair_gap_s(setup: RunSetup) -> float:
     return max(MOST_GAP_S, *(_pose_limit_s(setup, vehicle) for vehicle in setup.vehicles))
 
 
-def _accuracy(accuracy: PoseAccuracy) -> Accuracy:
-    return Accuracy(accuracy.position_m, accuracy.velocity_m_s, accuracy.attitude_rad)
+def _accuracy(accuracy: PoseAccuracy) -> SourceAccuracy:
+    return SourceAccuracy(accuracy.position_m, accuracy.velocity_m_s, accuracy.attitude_rad)
 
 
 def _rests_on_pose(oracle: Oracle, vehicle: str) -> bool:

@@ -10,7 +10,7 @@ from wil_campaign.orchestrator.run.perception.autonomy_runner import AutonomyRun
 from wil_campaign.orchestrator.run.perception.foreign_runner import ForeignRunner
 from wil_campaign.orchestrator.run.perception.mixing_loop import MixingLoop
 from wil_campaign.orchestrator.run.perception.perception import Perception
-from wil_campaign.orchestrator.run_results.attempts import failed_too
+from wil_campaign.orchestrator.run_results.attempts import failed_too_text
 from wil_campaign.orchestrator.run_results.result_parts import (
     ArmingStep,
     ExternalResult,
@@ -21,34 +21,34 @@ from wil_campaign.orchestrator.run_results.run_result import (
     ActorResult,
     CombinationResult,
     FenceChange,
-    Loss,
     MixingResult,
     RunResult,
     ShownResult,
     SlowAutonomy,
     SyncResult,
-    also_of,
+    TopicMessageLoss,
     control_of,
+    later_events_of,
     percentiles,
     result_without_parts,
     with_note,
 )
 from wil_campaign.orchestrator.state.run_setup import RunSetup
 from wil_campaign.orchestrator.state.run_state import RunState, Stage
-from wil_campaign.recipes.visibility.coverage import Coverage
-from wil_campaign.safety.evaluation.judge import Judge, unjudged
+from wil_campaign.recipes.visibility.coverage import VisibilityCoverage
+from wil_campaign.safety.evaluation.judge import Judge, unjudged_contacts
 from wil_campaign.safety.model.oracle_results import Flag, OracleResult
-from wil_campaign.safety.model.verdict import Decision, decide, source_of
-from wil_campaign.safety.preflight import Item
+from wil_campaign.safety.model.verdict import RunDecision, decide_verdict, event_source_of
+from wil_campaign.safety.preflight import PreflightItem
 from wil_campaign.worlds.scene.scene import Scene, SceneObject
-from wil_campaign.worlds.scene.track import track_of
+from wil_campaign.worlds.scene.track import object_track_of
 
 _STILL_M, _STILL_RAD = 0.05, 0.05
 """What a vehicle that flies as an object may drift by while it stands."""
 _MOMENTS = 200
 
 
-def result_of(
+def run_result_of(
     *,
     setup: RunSetup,
     run_state: RunState,
@@ -58,11 +58,11 @@ def result_of(
     collisions: tuple[Flag, ...],
     outside: ExternalResult | None,
     artifacts: tuple[str, ...],
-    preflight: tuple[Item, ...],
+    preflight: tuple[PreflightItem, ...],
     before_arming: tuple[ArmingStep, ...],
     fence_changes: tuple[FenceChange, ...],
     twin: TwinResult | None,
-    losses: tuple[Loss, ...],
+    losses: tuple[TopicMessageLoss, ...],
     actors: tuple[ActorResult, ...],
     slow: tuple[SlowAutonomy, ...],
     firmware: tuple[FlownFirmware, ...],
@@ -74,7 +74,7 @@ def result_of(
     plan = setup.order.plan
     oracles = judge.results(end_s)
     completed = run_state.reached("landed") and run_state.reached("done")
-    decision = decide(
+    decision = decide_verdict(
         run_state.decisive,
         oracles,
         end_s=end_s,
@@ -83,7 +83,7 @@ def result_of(
         worst=judge.worst_texts,
     )
     note = decision.note or run_state.note_at(decision.at_s)
-    reason = reason_of(decision, note, oracles, goal_s=run_state.entered_s.get("goal"))
+    reason = outcome_reason(decision, note, oracles, goal_s=run_state.entered_s.get("goal"))
     takeoff_s, landed_s = run_state.entered_s.get("takeoff"), run_state.entered_s.get("landed")
     return RunResult(
         case=plan.case,
@@ -92,7 +92,7 @@ def result_of(
         seed=plan.seed,
         verdict=decision.verdict,
         reason=reason,
-        also=also_of(decision),
+        also=later_events_of(decision),
         required=plan.required,
         duration_s=None if takeoff_s is None else (landed_s or end_s) - takeoff_s,
         wall_s=wall_s,
@@ -109,20 +109,22 @@ def result_of(
         decided_by=decision.source,
         note=note,
         trace=decision.trace,
-        not_judged=unjudged(setup.case.oracles, collision_always=setup.case.collision_always),
+        not_judged=unjudged_contacts(
+            setup.case.oracles, collision_always=setup.case.collision_always
+        ),
         control=control_of(plan, decision),
         exceptions=exceptions_of(run_state),
         twin=twin,
         losses=losses,
         actors=actors,
         slow=slow,
-        unmoved=unmoved(setup.judged_scene, events, run_state.entered_s),
+        unmoved=unmoved_objects(setup.judged_scene, events, run_state.entered_s),
         no_retry=_no_retry(decision, run_state, judge),
         firmware=firmware,
     )
 
 
-def _no_retry(decision: Decision, run_state: RunState, judge: Judge) -> str:
+def _no_retry(decision: RunDecision, run_state: RunState, judge: Judge) -> str:
     """Return why the run is not flown again: the subject's first failure beside the verdict.
 
     What an oracle finds at the end only (never reached, still armed) is a failure where the
@@ -138,11 +140,11 @@ def _no_retry(decision: Decision, run_state: RunState, judge: Judge) -> str:
         for decisive_event in decision.also
         if decisive_event.kind == "FAIL" and decisive_event.source in seen
     )
-    return next((failed_too(failure.text) for failure in failures), "")
+    return next((failed_too_text(failure.text) for failure in failures), "")
 
 
-def reason_of(
-    decision: Decision, note: str, oracles: Sequence[OracleResult], *, goal_s: float | None
+def outcome_reason(
+    decision: RunDecision, note: str, oracles: Sequence[OracleResult], *, goal_s: float | None
 ) -> str:
     """Return the reason of a run's outcome; of a FAIL, with what the autonomy did by then.
 
@@ -156,7 +158,8 @@ def reason_of(
     worst_s = (
         oracle.at_s
         for oracle in oracles
-        if oracle.at_s is not None and source_of(oracle.name, oracle.vehicle) == decision.source
+        if oracle.at_s is not None
+        and event_source_of(oracle.name, oracle.vehicle) == decision.source
     )
     at_s = max(decision.at_s, *worst_s, -math.inf)
     has_begun = goal_s is not None and at_s >= goal_s
@@ -167,7 +170,7 @@ def broken_result(
     setup: RunSetup, run_state: RunState, *, end_s: float, wall_s: float
 ) -> RunResult:
     """Return the outcome of a run that an internal exception ended before it had any parts."""
-    decision = decide(run_state.decisive, (), end_s=end_s, completed=False)
+    decision = decide_verdict(run_state.decisive, (), end_s=end_s, completed=False)
     exceptions = exceptions_of(run_state)
     return result_without_parts(setup.order.plan, decision, wall_s=wall_s, exceptions=exceptions)
 
@@ -222,7 +225,7 @@ def _unseen(combinations: tuple[CombinationResult, ...], named: set[str]) -> tup
     return tuple(sorted((sought & named) - in_view))
 
 
-def unmoved(
+def unmoved_objects(
     scene: Scene, events: Mapping[str, float], entered_s: Mapping[Stage, float]
 ) -> tuple[str, ...]:
     """Return the objects that have a motion and stood still from the takeoff until `done`.
@@ -251,7 +254,7 @@ def _moves(one: SceneObject, begin_s: float, end_s: float, events: Mapping[str, 
     travel = one.travel(begin_s, end_s, events)
     if travel.length_m < _STILL_M and travel.turn_rad < _STILL_RAD:
         return False
-    if track_of(one.name, events) is None:
+    if object_track_of(one.name, events) is None:
         return True
     # The way of a vehicle that stands grows by the noise of its positions.
     first = one.pose_at(begin_s, events).position_ned_m
@@ -288,7 +291,7 @@ def _combination_result(mixing: MixingLoop) -> CombinationResult:
     )
 
 
-def _shown(coverage: Coverage) -> dict[str, ShownResult]:
+def _shown(coverage: VisibilityCoverage) -> dict[str, ShownResult]:
     """Return the run's results of how mixtures showed virtual objects."""
     return {
         name: ShownResult(

@@ -15,7 +15,7 @@ from typing import Literal, TypeVar
 import numpy as np
 
 from wil_campaign.campaigns.values.autonomy_limits import LONGEST_CALL_S
-from wil_campaign.foundation.files.problems import printable
+from wil_campaign.foundation.files.problems import printable_problem
 from wil_campaign.vehicles.autonomy import Command
 from wil_campaign.vehicles.setpoints import PositionSetpoint, Setpoint, VelocitySetpoint
 from wil_campaign.worlds.frames import Vec3
@@ -83,7 +83,7 @@ def call_autonomy(
         raise AutonomyFault(f"crashed: {reason}", _trace(error)) from None
 
 
-def command_of(answer: object) -> Command:
+def checked_command(answer: object) -> Command:
     """Return the command that the autonomy's `act` returned, checked. Raises AutonomyFault."""
     if not isinstance(answer, Command):
         raise AutonomyFault(f"returned {_kind(answer)}, not a Command")
@@ -93,10 +93,10 @@ def command_of(answer: object) -> Command:
     done = answer.done
     if not isinstance(done, bool | np.bool_):  # a text such as "no" would count as true
         raise AutonomyFault(f"returned a done that is {_kind(done)}, not True or False")
-    return Command(_setpoint(answer.setpoint), bool(done), printable(note)[:_LONGEST_NOTE])
+    return Command(_setpoint(answer.setpoint), bool(done), printable_problem(note)[:_LONGEST_NOTE])
 
 
-def require_run(answer: object, method: str) -> None:
+def require_method_ran(answer: object, method: str) -> None:
     """Raise AutonomyFault where an autonomy's method did not run: it is a coroutine or generator.
 
     It returned at once, with its body still to be run, and nobody would notice.
@@ -226,7 +226,7 @@ def _error_text(error: BaseException) -> str:
         message = str(error)
     except BaseException:  # noqa: BLE001 - __str__ of the code under test may raise anything
         message = "(its message cannot be shown)"
-    text = printable(" ".join(message.split()))[:_LONGEST_TEXT]
+    text = printable_problem(" ".join(message.split()))[:_LONGEST_TEXT]
     return f"{type(error).__name__}: {text}" if text else type(error).__name__
 
 
@@ -246,14 +246,14 @@ def frames_in_words(frames: Sequence[traceback.FrameSummary], *, libraries: bool
     if not own:
         return ""
     last = own[-1]
-    line = printable(last.line or "")[:_LONGEST_LINE]
+    line = printable_problem(last.line or "")[:_LONGEST_LINE]
     return f"{last.filename}:{last.lineno}" + (f", `{line}`" if line else "")
 
 
 def _trace(error: BaseException) -> str:
     """Return an autonomy call's traceback, from its own first line on."""
     lines = traceback.format_list(_frames(error))
-    return "\n".join(map(printable, "".join([*lines, _error_text(error)]).splitlines()))[
+    return "\n".join(map(printable_problem, "".join([*lines, _error_text(error)]).splitlines()))[
         -_LONGEST_TRACE:
     ]
 

@@ -22,14 +22,14 @@ from wil_campaign.orchestrator.run.perception.autonomy_calls import (
     AutonomyFault,
     HangWarning,
     call_autonomy,
-    command_of,
+    checked_command,
     frames_in_words,
-    require_run,
+    require_method_ran,
 )
-from wil_campaign.orchestrator.state.call_marker import calling
+from wil_campaign.orchestrator.state.call_marker import marked_autonomy_call
 from wil_campaign.vehicles.autonomy import Command
 from wil_campaign.vehicles.readings import Reading
-from wil_campaign.vehicles.readings.copies import copied
+from wil_campaign.vehicles.readings.copies import copied_reading
 
 Perceive = Callable[[Reading], object]
 Act = Callable[[], object]
@@ -97,17 +97,17 @@ class LoopLane:
 
     def offer(self, perceive: Perceive, reading: Reading, method: str) -> None:
         """Give the autonomy a copy of a reading. Raises AutonomyFault."""
-        with _measured(self.perceive_times), calling(self._name):
-            answer = call_autonomy(lambda: perceive(copied(reading)), within_s=self._call_s)
+        with _measured(self.perceive_times), marked_autonomy_call(self._name):
+            answer = call_autonomy(lambda: perceive(copied_reading(reading)), within_s=self._call_s)
         self._check()
-        require_run(answer, method)
+        require_method_ran(answer, method)
 
     async def act(self, act: Act) -> Command:
         """Return the autonomy's command at once. Raises AutonomyFault."""
-        with _measured(self.act_times), calling(self._name):
+        with _measured(self.act_times), marked_autonomy_call(self._name):
             answer = call_autonomy(act, within_s=self._call_s)
         self._check()
-        return command_of(answer)
+        return checked_command(answer)
 
     def held_up(self) -> str:
         """Return "": where the loop makes the calls, no guard waits for it."""
@@ -171,7 +171,7 @@ class ThreadLane:
 
     def offer(self, perceive: Perceive, reading: Reading, method: str) -> None:
         """Queue a copy of a reading for the autonomy. Raises AutonomyFault."""
-        own = call_autonomy(lambda: copied(reading))
+        own = call_autonomy(lambda: copied_reading(reading))
         now_s = time.monotonic()
         if self._waiting and now_s - self._waiting[0] > _OLDEST_S:
             text = f"{len(self._waiting)} readings wait, the first for {_OLDEST_S:g} s"
@@ -247,13 +247,13 @@ class ThreadLane:
         self._job, job.began_cpu_s = job, time.thread_time()
         try:
             times = CallTimes() if job.name == "act" else self.perceive_times
-            with _measured(times), calling(self._name):
+            with _measured(times), marked_autonomy_call(self._name):
                 returned = call_autonomy(job.call)
             self._check()
             if job.name == "act":
-                answer = command_of(returned)
+                answer = checked_command(returned)
             else:
-                require_run(returned, job.name)
+                require_method_ran(returned, job.name)
         except AutonomyFault as error:
             fault = error
         finally:

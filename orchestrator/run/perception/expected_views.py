@@ -8,8 +8,14 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from wil_campaign.recipes.visibility.model import ExpectedImage, ExpectedRanges, Ids, Mask, Virtual
-from wil_campaign.recipes.visibility.sampling import sampled_intrinsics, samples_of
+from wil_campaign.recipes.visibility.model import (
+    ExpectedImage,
+    ExpectedRanges,
+    Ids,
+    Mask,
+    VirtualObjects,
+)
+from wil_campaign.recipes.visibility.sampling import image_samples_of, sampled_intrinsics
 from wil_campaign.vehicles.readings import DepthImage
 from wil_campaign.vehicles.sensors.beams import Directions
 from wil_campaign.vehicles.sensors.lens import ThroughLens
@@ -44,7 +50,7 @@ class ExpectedViews:
         intrinsics: Intrinsics,
         t_s: float,
         *,
-        virtual: Virtual,
+        virtual: VirtualObjects,
         real_depth_m: DepthImage | None,
     ) -> ExpectedImage:
         """Return an image's expected samples. camera: its pose (FRD axes, world frame).
@@ -63,7 +69,7 @@ class ExpectedViews:
         if real_depth_m is not None and rendered.depth_m is not None:
             nearer = real_depth_m < rendered.depth_m - _HIDDEN_M
             unknown = nearer if unknown is None else unknown | nearer
-        step = samples_of(intrinsics).step
+        step = image_samples_of(intrinsics).step
         return ExpectedImage(ids, rendered.image_bgr, unknown, step)
 
     def depths(self, camera: Pose, intrinsics: Intrinsics, t_s: float) -> ExpectedRanges:

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from wil_campaign.orchestrator.run.perception.mixing_loop import MixingLoop
 from wil_campaign.orchestrator.state.mixtures import MixedFrame
 from wil_campaign.orchestrator.state.run_state import RunState, Stage
-from wil_campaign.recipes.pipeline.budgets import RateWatch, breach_of
-from wil_campaign.recipes.visibility.coverage import uncovered
+from wil_campaign.recipes.pipeline.budgets import RateWatch, budget_breach
+from wil_campaign.recipes.visibility.coverage import uncovered_objects
 
 STALLED_S = 1.0
 """Shortest time without a mixture after which the run is INVALID."""
@@ -69,7 +69,7 @@ class MixingBudgetWatch:
             self.note_breach(frame.name, provenance.detail or provenance.dropped)
             return
         budget = watched.loop.mixer.combination.budget
-        breach = breach_of(budget, provenance)
+        breach = budget_breach(budget, provenance)
         if breach is not None:
             self.note_breach(frame.name, str(breach))
         limit_px = budget.max_registration_error_px
@@ -168,7 +168,7 @@ class MixingBudgetWatch:
             for name, probe in probes.items()
             if "real" in self._watched[name].loop.mixer.publish
         ]
-        fault = uncovered(probe.coverage for probe in judged)
+        fault = uncovered_objects(probe.coverage for probe in judged)
         if fault is not None:
             why = judged[0].why_nothing() if len(judged) == 1 else ""
             self._decide_invalid(f"mixing: {fault.text}{why}")

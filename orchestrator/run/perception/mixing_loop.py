@@ -9,15 +9,15 @@ from wil_campaign.foundation.clocks.sleeping import sleep_until
 from wil_campaign.orchestrator.run.perception.mixing_statistics import MixingStatistics
 from wil_campaign.orchestrator.run.perception.visibility import VisibilityProbe
 from wil_campaign.orchestrator.state.mixtures import MixedFrame
-from wil_campaign.recipes.pipeline.mixture import Mixed
+from wil_campaign.recipes.pipeline.mixture import MixedReading
 from wil_campaign.recipes.pipeline.pipeline import Mixer
 from wil_campaign.recipes.pipeline.pose_alignment import align_pose
 from wil_campaign.vehicles.cameras.rendered_cameras import NoImageError
 from wil_campaign.vehicles.poses.pose_history import PoseHistory
-from wil_campaign.vehicles.readings import Reading, end_s
-from wil_campaign.vehicles.readings.kinds import duration_s, traits_of
-from wil_campaign.vehicles.sensors.sensor_streams import OnDemand
-from wil_campaign.worlds.figures import distinct_text
+from wil_campaign.vehicles.readings import Reading, reading_end_s
+from wil_campaign.vehicles.readings.kinds import reading_duration_s, traits_of
+from wil_campaign.vehicles.sensors.sensor_streams import SensesOnDemand
+from wil_campaign.worlds.figures import distinct_value_text
 
 _POSE_POLL_S = 0.002
 _PAIR_WAIT_S = 0.05
@@ -81,7 +81,7 @@ class MixingLoop:
         *,
         name: str,
         mixer: Mixer,
-        twin: OnDemand | None,
+        twin: SensesOnDemand | None,
         poses: PoseHistory,
         wait_s: float,
         period_s: float,
@@ -213,7 +213,7 @@ class MixingLoop:
         now_s = asyncio.get_running_loop().time()
         if self.probe is not None:
             self.probe.begin()
-        mixed: Mixed[Reading] = self.mixer.mix(real, twin, now_s=now_s, alignment=alignment)
+        mixed: MixedReading[Reading] = self.mixer.mix(real, twin, now_s=now_s, alignment=alignment)
         visibility = None if self.probe is None else self.probe.measure(mixed)
         unbounded = ""
         if self._registration is not None and twin is not None:
@@ -226,7 +226,7 @@ class MixingLoop:
                 registration_error_px=registration.error_px,
                 registration_bound_px=registration.bound_px,
             )
-            mixed = Mixed(mixed.reading, provenance)
+            mixed = MixedReading(mixed.reading, provenance)
             unbounded = registration.unbounded
             self.statistics.unbounded = unbounded or self.statistics.unbounded
         self._account(mixed, now_s)
@@ -255,7 +255,7 @@ class MixingLoop:
         """
         give_up_s = asyncio.get_running_loop().time() + self._pair_wait_s
         newest = self._twin_readings[-1] if self._twin_readings else None
-        if newest is not None and (lasts_s := duration_s(newest)) > 0.0:
+        if newest is not None and (lasts_s := reading_duration_s(newest)) > 0.0:
             comes_s = self._oldest_due_end_s() + lasts_s
             give_up_s = max(give_up_s, comes_s + _PAIR_WAIT_S)
         return give_up_s
@@ -263,15 +263,15 @@ class MixingLoop:
     def _has_twin_come(self) -> bool:
         if not self._twin_readings:
             return False
-        return end_s(self._twin_readings[-1]) >= self._oldest_due_end_s() - _EARLY_S
+        return reading_end_s(self._twin_readings[-1]) >= self._oldest_due_end_s() - _EARLY_S
 
     def _oldest_due_end_s(self) -> float:
-        return next(end_s(waiting.reading) for waiting in self._waiting if waiting.is_due)
+        return next(reading_end_s(waiting.reading) for waiting in self._waiting if waiting.is_due)
 
     def _nearest(self, t_s: float) -> Reading | None:
         return min(self._twin_readings, key=lambda reading: abs(reading.t_s - t_s), default=None)
 
-    async def _request_twin(self, twin: OnDemand, real: Reading) -> tuple[Reading, str]:
+    async def _request_twin(self, twin: SensesOnDemand, real: Reading) -> tuple[Reading, str]:
         """Return the twin's reading at the recipe's pose, and how that pose was aligned.
 
         Raises NoImageError without a pose, and when the source returns no image in time.
@@ -298,7 +298,7 @@ class MixingLoop:
     def _require_in_time(self, age_s: float) -> None:
         limit_s = self.mixer.combination.budget.max_latency_s
         if limit_s is not None and age_s > limit_s + _EARLY_S:
-            age_ms = distinct_text(age_s * 1e3, limit_s * 1e3, digits=0)
+            age_ms = distinct_value_text(age_s * 1e3, limit_s * 1e3, digits=0)
             raise NoImageError(
                 f"the twin's image came {age_ms} ms after the exposure, more than "
                 f"max_latency_ms: {limit_s * 1e3:g}"
@@ -311,7 +311,7 @@ class MixingLoop:
         while self._poses.at(t_s).kind != "interpolated" and loop.time() < give_up_s:
             await sleep_until(loop.time() + _POSE_POLL_S)
 
-    def _account(self, mixed: Mixed[Reading], now_s: float) -> None:
+    def _account(self, mixed: MixedReading[Reading], now_s: float) -> None:
         statistics, provenance = self.statistics, mixed.provenance
         if mixed.reading is not None:
             statistics.delivered(now_s)

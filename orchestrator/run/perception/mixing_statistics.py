@@ -5,7 +5,7 @@ from array import array
 from wil_campaign.orchestrator.run_results.run_result import Percentiles, percentiles
 
 
-class Samples:
+class FigureSamples:
     """Samples of a mixing figure for percentiles; grows by eight bytes each."""
 
     def __init__(self) -> None:
@@ -40,10 +40,10 @@ class MixingStatistics:
         self.missed = 0
         self.last_miss = ""
         self.unbounded = ""
-        self.skew_ms = Samples()
-        self.latency_ms = Samples()
-        self.registration_error_px = Samples()
-        self.registration_bound_px = Samples()
+        self.skew_ms = FigureSamples()
+        self.latency_ms = FigureSamples()
+        self.registration_error_px = FigureSamples()
+        self.registration_bound_px = FigureSamples()
         self._first_s: float | None = None
         self._last_s: float | None = None
 

@@ -7,7 +7,7 @@ import asyncio
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 
-from wil_campaign.foundation.tasks import stop
+from wil_campaign.foundation.tasks import stop_tasks
 from wil_campaign.orchestrator.run.perception.mixing_budget import MixingBudgetWatch
 from wil_campaign.orchestrator.run.perception.mixing_loop import MixingLoop
 from wil_campaign.orchestrator.run.perception.mixing_statistics import MixingStatistics
@@ -18,7 +18,7 @@ from wil_campaign.recipes.working import StepError
 from wil_campaign.vehicles.errors import VehicleError
 from wil_campaign.vehicles.faults import FaultySignal
 from wil_campaign.vehicles.readings import Reading
-from wil_campaign.vehicles.sensors.sensor_streams import Stream
+from wil_campaign.vehicles.sensors.sensor_streams import ReadingStream
 
 Take = Callable[[Reading], None]
 
@@ -30,7 +30,7 @@ the two seconds after a moment."""
 
 
 @dataclass(slots=True)
-class SensorSource:
+class PerceivedSensor:
     """A vehicle's sensor, and the consumers of its readings.
 
     vehicle, sensor: names. fault: injected into its readings; None for no fault. is_drawn: whether
@@ -39,7 +39,7 @@ class SensorSource:
 
     vehicle: str
     sensor: str
-    stream: Stream
+    stream: ReadingStream
     takers: list[Take] = field(default_factory=list)
     fault: FaultySignal[Reading] | None = None
     is_drawn: bool = False
@@ -75,7 +75,7 @@ class Perception:
     run_state: RunState
     budgets: MixingBudgetWatch
     has_external_sensors: bool = False
-    sources: list[SensorSource] = field(default_factory=list)
+    sources: list[PerceivedSensor] = field(default_factory=list)
     listeners: list[Callable[[MixedFrame], None]] = field(default_factory=list)
     of_images: dict[str, tuple[str, ...]] = field(default_factory=dict)
     images_ended: Callable[[tuple[str, ...]], None] = lambda _: None
@@ -139,10 +139,10 @@ class Perception:
         """
         await self.run_state.reaching("land")
         await asyncio.sleep(_TAIL_S if self.run_state.reached("done") else _EARLY_TAIL_S)
-        await stop(*drawn)
+        await stop_tasks(*drawn)
         self.images_ended(topics)
 
-    async def _sense(self, source: SensorSource) -> None:
+    async def _sense(self, source: PerceivedSensor) -> None:
         try:
             await source.run()
         except VehicleError as error:

@@ -10,13 +10,13 @@ from wil_campaign.campaigns.values.sensor_setups import CameraSetup, DepthSetup,
 from wil_campaign.orchestrator.external.external_io import ExternalIo
 from wil_campaign.orchestrator.run.perception.mixing_budget import MixingBudgetWatch
 from wil_campaign.orchestrator.run.perception.mixing_loop import MixingLoop, Registration
-from wil_campaign.orchestrator.run.perception.perception import Perception, SensorSource, Take
+from wil_campaign.orchestrator.run.perception.perception import PerceivedSensor, Perception, Take
 from wil_campaign.orchestrator.run.perception.registration_error import Registrar
 from wil_campaign.orchestrator.run.perception.runner_factory import AnyRunner
 from wil_campaign.orchestrator.run.perception.sensor_factory import SensorFactory, is_image
 from wil_campaign.orchestrator.run.perception.visibility import VisibilityProbe
 from wil_campaign.orchestrator.run.perception.visibility_probes import VisibilityProbes
-from wil_campaign.orchestrator.run.vehicles.pair import Pair
+from wil_campaign.orchestrator.run.vehicles.pair import VehiclePair
 from wil_campaign.orchestrator.state.mixtures import MixedFrame, PreviewImages
 from wil_campaign.orchestrator.state.run_setup import RunSetup
 from wil_campaign.orchestrator.state.run_state import RunState
@@ -25,7 +25,7 @@ from wil_campaign.orchestrator.state.vehicle_context import VehicleContext
 from wil_campaign.recipes.pipeline.autonomy_readings import without_ground_truth
 from wil_campaign.recipes.pipeline.pipeline import Mixer, compile_recipe
 from wil_campaign.vehicles.readings import CameraReading, Reading
-from wil_campaign.vehicles.readings.checks import fault_of
+from wil_campaign.vehicles.readings.checks import reading_fault
 from wil_campaign.vehicles.readings.copies import restamp_reading
 
 _POSE_WAIT_S = 0.05
@@ -55,7 +55,7 @@ class PerceptionWatchers:
 def build_perception(
     setup: RunSetup,
     *,
-    pair: Pair,
+    pair: VehiclePair,
     runners: Mapping[str, AnyRunner],
     external_io: ExternalIo,
     run_state: RunState,
@@ -126,7 +126,7 @@ class _PerceptionBuilder:
         self._watchers = watchers
         self._perception = perception
         self._registrar = Registrar(setup=setup, contexts=contexts, events=events)
-        self._sources: dict[tuple[str, str], SensorSource] = {}
+        self._sources: dict[tuple[str, str], PerceivedSensor] = {}
         self._video: str | None = None
 
     def build(self) -> None:
@@ -245,12 +245,12 @@ class _PerceptionBuilder:
             )
         )
 
-    def _source(self, vehicle: str, sensor: SensorSetup) -> SensorSource:
+    def _source(self, vehicle: str, sensor: SensorSetup) -> PerceivedSensor:
         key = (vehicle, sensor.name)
         if key not in self._sources:
             stream = self._sensor_factory.stream(self._setup.vehicle(vehicle), sensor)
             fault = self._faults.signal(vehicle, sensor.name, restamp_reading)
-            source = SensorSource(
+            source = PerceivedSensor(
                 vehicle,
                 sensor.name,
                 stream,
@@ -274,7 +274,7 @@ def _perception_users(
     receivers = (runner.context.name,)
 
     def receive(reading: Reading) -> None:
-        if (fault := fault_of(reading)) is not None:
+        if (fault := reading_fault(reading)) is not None:
             reason = (
                 f"{reading.sensor} of {reading.source}: {fault.detail}; no autonomy is given it"
             )

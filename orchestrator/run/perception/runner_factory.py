@@ -11,7 +11,7 @@ from contextlib import AsyncExitStack, asynccontextmanager
 from wil_campaign.foundation.clocks.sleeping import sleep_until
 from wil_campaign.foundation.processes.process_memory import limited_allocation
 from wil_campaign.hooks import autonomy_kinds
-from wil_campaign.installed_plugins import added, load
+from wil_campaign.installed_plugins import load_plugin_object, plugin_additions
 from wil_campaign.orchestrator.run.perception.autonomy_calls import (
     AutonomyFault,
     call_autonomy,
@@ -21,7 +21,7 @@ from wil_campaign.orchestrator.run.perception.autonomy_memory import MemoryMeter
 from wil_campaign.orchestrator.run.perception.autonomy_runner import AutonomyRunner
 from wil_campaign.orchestrator.run.perception.foreign_runner import ForeignRunner, OpenedAutonomy
 from wil_campaign.orchestrator.run.perception.stray_errors import StrayErrors
-from wil_campaign.orchestrator.run.vehicles.pair import Pair
+from wil_campaign.orchestrator.run.vehicles.pair import VehiclePair
 from wil_campaign.orchestrator.state.run_setup import RunSetup
 from wil_campaign.orchestrator.state.run_state import RunState
 from wil_campaign.orchestrator.state.vehicle_context import VehicleContext
@@ -148,7 +148,7 @@ AnyRunner = AutonomyRunner | ForeignRunner | FollowRunner | ShadowRunner
 
 @asynccontextmanager
 async def open_runners(
-    setup: RunSetup, pair: Pair, run_state: RunState
+    setup: RunSetup, pair: VehiclePair, run_state: RunState
 ) -> AsyncIterator[Mapping[str, AnyRunner]]:
     """Build the autonomy runners by vehicle; foreign ones run while this is open.
 
@@ -167,13 +167,17 @@ async def open_runners(
             if coupled is not None:
                 runners[context.name] = coupled
             elif under_test.foreign is not None and under_test.has_runner:
-                make = load(added(autonomy_kinds)[under_test.foreign.kind].runner)
+                make = load_plugin_object(
+                    plugin_additions(autonomy_kinds)[under_test.foreign.kind].runner
+                )
                 foreign: ForeignRunner = make(setup, pair, context, run_state)
                 runners[context.name] = await stack.enter_async_context(foreign)
             else:
                 opened: OpenedAutonomy | None = None
                 if under_test.foreign is not None:
-                    opening = load(added(autonomy_kinds)[under_test.foreign.kind].open)
+                    opening = load_plugin_object(
+                        plugin_additions(autonomy_kinds)[under_test.foreign.kind].open
+                    )
                     entering = opening(setup, pair, context, run_state)
                     found: OpenedAutonomy = await stack.enter_async_context(entering)
                     opened, autonomy = found, found.autonomy
@@ -197,7 +201,7 @@ async def open_runners(
 
 
 def _coupled_runner(
-    setup: RunSetup, pair: Pair, context: VehicleContext, runners: Mapping[str, AnyRunner]
+    setup: RunSetup, pair: VehiclePair, context: VehicleContext, runners: Mapping[str, AnyRunner]
 ) -> FollowRunner | ShadowRunner | None:
     """Return the runner of a twin without an autonomy of its own; None for other vehicles."""
     if context.name != setup.companion:

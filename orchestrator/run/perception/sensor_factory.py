@@ -12,23 +12,23 @@ from wil_campaign.campaigns.setup.case_setup import VehicleSetup
 from wil_campaign.campaigns.values.sensor_setups import (
     CameraSetup,
     DepthSetup,
-    OtherSetup,
+    OtherSensorSetup,
     SensorSetup,
-    options_of,
+    sensor_options_of,
 )
 from wil_campaign.orchestrator.external.external_io import ExternalIo
-from wil_campaign.orchestrator.run.vehicles.vehicle_backends import Feed, vehicle_seed
+from wil_campaign.orchestrator.run.vehicles.vehicle_backends import VehicleFeed, vehicle_seed
 from wil_campaign.orchestrator.state.run_setup import RunSetup
 from wil_campaign.orchestrator.state.signal_faults import FaultyOnDemand, SignalFaults
 from wil_campaign.orchestrator.state.vehicle_context import VehicleContext
 from wil_campaign.safety.model.samples import PoseSample
 from wil_campaign.vehicles.cameras.camera_effects import CameraQuality
 from wil_campaign.vehicles.cameras.rendered_cameras import (
-    Compute,
+    CameraCompute,
     ImageSource,
     OnDemandCamera,
     RenderedCamera,
-    inline,
+    compute_inline,
 )
 from wil_campaign.vehicles.poses.truth import TruthSample
 from wil_campaign.vehicles.readings.copies import restamp_reading
@@ -37,12 +37,12 @@ from wil_campaign.vehicles.sensors.depth import DEPTH_NOISES, DepthSensor
 from wil_campaign.vehicles.sensors.lens import ThroughLens
 from wil_campaign.vehicles.sensors.sensor_spec import MountedOptions, Sensor, SensorSite
 from wil_campaign.vehicles.sensors.sensor_streams import (
-    OnDemand,
     OnDemandSensor,
     PoseStream,
+    ReadingStream,
     RenderedDepth,
+    SensesOnDemand,
     SensorStream,
-    Stream,
 )
 from wil_campaign.vehicles.sensors.timing import Timing
 from wil_campaign.vehicles.sensors.truth_history import TruthHistory
@@ -59,7 +59,7 @@ _TELEMETRY_DELAY_S = 0.06
 """The same for poses that come by telemetry."""
 
 
-async def in_thread(job: Callable[[], T], /) -> T:
+async def run_sensor_in_thread(job: Callable[[], T], /) -> T:
     """Run a sensor's job in a thread, so that it does not block the event loop."""
     return await asyncio.to_thread(job)
 
@@ -77,7 +77,7 @@ class SensorFactory:
         *,
         setup: RunSetup,
         contexts: Mapping[str, VehicleContext],
-        feeds: Mapping[str, Feed],
+        feeds: Mapping[str, VehicleFeed],
         events: Mapping[str, float],
         external_io: ExternalIo,
         faults: SignalFaults,
@@ -90,9 +90,9 @@ class SensorFactory:
         self._events = events
         self._tracks: dict[str, TruthHistory] = {}
         self._rays: dict[str, WorldRays] = {}
-        self._on_demand: dict[str, OnDemand] = {}
+        self._on_demand: dict[str, SensesOnDemand] = {}
 
-    def stream(self, vehicle: VehicleSetup, sensor: SensorSetup) -> Stream:
+    def stream(self, vehicle: VehicleSetup, sensor: SensorSetup) -> ReadingStream:
         """Return a vehicle's sensor that streams readings by itself."""
         if isinstance(sensor, CameraSetup):
             return self._camera(vehicle, sensor)
@@ -118,7 +118,7 @@ class SensorFactory:
         is_external = self._external_io.readings.get(vehicle.name, sensor.name) is not None
         return is_image(sensor) and not is_external
 
-    def on_demand(self, sensor: SensorSetup, *, like: SensorSetup) -> OnDemand:
+    def on_demand(self, sensor: SensorSetup, *, like: SensorSetup) -> SensesOnDemand:
         """Return the twin's sensor that senses at a requested pose, mounted like the real one.
 
         Only for sensors whose readings depend on a pose. Repeated calls return the same object, so
@@ -132,7 +132,7 @@ class SensorFactory:
             )
         return self._on_demand[sensor.name]
 
-    def _build_on_demand(self, sensor: SensorSetup, like: SensorSetup) -> OnDemand:
+    def _build_on_demand(self, sensor: SensorSetup, like: SensorSetup) -> SensesOnDemand:
         twin = self._setup.vehicle("twin")
         if isinstance(sensor, CameraSetup) and isinstance(like, CameraSetup):
             return OnDemandCamera(
@@ -147,7 +147,7 @@ class SensorFactory:
             compute=self._compute(sensor),
         )
 
-    def _camera(self, vehicle: VehicleSetup, camera: CameraSetup) -> Stream:
+    def _camera(self, vehicle: VehicleSetup, camera: CameraSetup) -> ReadingStream:
         key = (vehicle.name, camera.name)
         if key in self._external_io.cameras:
             return self._external_io.cameras[key]
@@ -181,7 +181,7 @@ class SensorFactory:
                 timing=Timing(sensor.rate_hz, camera.latency_s, camera.jitter_s),
             )
         model = sensor_specs()[sensor.kind].model
-        if model is None or not isinstance(sensor, OtherSetup):
+        if model is None or not isinstance(sensor, OtherSensorSetup):
             raise TypeError(f"no sensor model for the {sensor.kind} of {vehicle.name}")
         made: Sensor = model(
             sensor.options,
@@ -189,7 +189,7 @@ class SensorFactory:
                 side=vehicle.name,
                 frame=self._setup.case.world.frame,
                 noise=noise,
-                mount=(options_of(like, MountedOptions) or sensor.options).mounted,
+                mount=(sensor_options_of(like, MountedOptions) or sensor.options).mounted,
                 caster=partial(self._caster, vehicle.name),
             ),
         )
@@ -233,9 +233,13 @@ class SensorFactory:
         seed = vehicle_seed(self._setup.seed, vehicle.name)
         return np.random.default_rng([seed, zlib.crc32(sensor.name.encode())])
 
-    def _compute(self, sensor: SensorSetup) -> Compute:
+    def _compute(self, sensor: SensorSetup) -> CameraCompute:
         """Return where a sensor's readings are computed: slow ones in a thread."""
-        return in_thread if is_image(sensor) and self._setup.clock != "virtual" else inline
+        return (
+            run_sensor_in_thread
+            if is_image(sensor) and self._setup.clock != "virtual"
+            else compute_inline
+        )
 
 
 def is_image(sensor: SensorSetup) -> bool:

@@ -9,17 +9,17 @@ import numpy as np
 
 from wil_campaign.campaigns.values.sensor_setups import CameraSetup, DepthSetup
 from wil_campaign.campaigns.values.sensor_setups import SensorSetup as Setup
-from wil_campaign.installed_plugins import load
+from wil_campaign.installed_plugins import load_plugin_object
 from wil_campaign.orchestrator.run.perception.expected_views import ExpectedViews
 from wil_campaign.recipes.model.recipe import Combination
-from wil_campaign.recipes.pipeline.mixture import Mixed
+from wil_campaign.recipes.pipeline.mixture import MixedReading
 from wil_campaign.recipes.pipeline.stages import StageView
 from wil_campaign.recipes.steps.transform.geometry import CameraModelParameters
-from wil_campaign.recipes.visibility.coverage import Coverage
+from wil_campaign.recipes.visibility.coverage import VisibilityCoverage
 from wil_campaign.recipes.visibility.images import IN_VIEW_SHARE, ImagePair, compare_images
-from wil_campaign.recipes.visibility.model import FrameVisibility, Virtual
+from wil_campaign.recipes.visibility.model import FrameVisibility, VirtualObjects
 from wil_campaign.recipes.visibility.ranges import compare_ranges
-from wil_campaign.recipes.visibility.sampling import samples_of
+from wil_campaign.recipes.visibility.sampling import image_samples_of
 from wil_campaign.vehicles.readings import Reading
 from wil_campaign.vehicles.readings.kinds import traits_named
 from wil_campaign.vehicles.sensors.depth import DEPTH_NOISES
@@ -65,7 +65,7 @@ class MixtureViews:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Measured:
+class VisibilityMeasurement:
     """The parts by which one combination's visibility is measured.
 
     real, twin: the sensors. body: reference of the real vehicle's pose. is_like: whether the twin's
@@ -76,7 +76,7 @@ class Measured:
     combination: Combination
     real: Setup
     twin: Setup
-    virtual: Virtual
+    virtual: VirtualObjects
     views: ExpectedViews
     body: BodyPose
     is_like: bool
@@ -85,31 +85,35 @@ class Measured:
 
 
 @dataclass(frozen=True, slots=True)
-class Exposure:
+class ReadingExposure:
     """A moment at which readings were sampled. t_s: run clock. body: the real vehicle's pose."""
 
     t_s: float
     body: Pose
-    measured: Measured
+    measured: VisibilityMeasurement
 
 
 class VisibilityProbe:
     """Measures the visibility of virtual objects in one combination's mixtures."""
 
     def __init__(
-        self, measured: Measured, *, comparison: "Comparison", views: MixtureViews
+        self,
+        measured: VisibilityMeasurement,
+        *,
+        comparison: "VisibilityComparison",
+        views: MixtureViews,
     ) -> None:
         self._measured = measured
         self._comparison = comparison
         self._views = views
         self._due_s = 0.0
-        self.coverage = Coverage()
+        self.coverage = VisibilityCoverage()
 
     def begin(self) -> None:
         """Prepare the visibility probe for a mixture."""
         self._views.clear()
 
-    def measure(self, mixed: Mixed[Reading]) -> FrameVisibility | None:
+    def measure(self, mixed: MixedReading[Reading]) -> FrameVisibility | None:
         """Return the visibility in a mixture made since `begin`; None if unmeasured."""
         t_s = mixed.provenance.real_t_s
         if mixed.reading is None or t_s is None or not self._measured.is_judged():
@@ -137,13 +141,13 @@ class VisibilityProbe:
     def _compare(self, real: Reading, mixed: Reading, body: Pose, t_s: float) -> FrameVisibility:
         compared = None
         if type(real) is type(mixed):
-            at = Exposure(t_s, body, self._measured)
+            at = ReadingExposure(t_s, body, self._measured)
             compared = self._comparison.compare(real, mixed, at)
         missing = "the merge changes the shape of the reading"
         return FrameVisibility(t_s, not_measured=missing) if compared is None else compared
 
 
-class Comparison(ABC):
+class VisibilityComparison(ABC):
     """How mixtures of one class of readings are compared with what geometry expects of them."""
 
     def obstacle(self, twin: Setup) -> str:
@@ -160,19 +164,19 @@ class Comparison(ABC):
         return
 
     @abstractmethod
-    def compare(self, real: Any, mixed: Any, at: Exposure) -> FrameVisibility | None:
+    def compare(self, real: Any, mixed: Any, at: ReadingExposure) -> FrameVisibility | None:
         """Return the visibility in a mixture; None where the merge changed the reading's shape.
 
         real: the real reading as it was merged.
         """
 
 
-class _OfCameras(Comparison):
-    def compare(self, real: Any, mixed: Any, at: Exposure) -> FrameVisibility | None:
+class _OfCameras(VisibilityComparison):
+    def compare(self, real: Any, mixed: Any, at: ReadingExposure) -> FrameVisibility | None:
         """Compare camera images, where both have one size."""
         if real.image_bgr.shape != mixed.image_bgr.shape:
             return None
-        part, measured = samples_of(mixed.intrinsics), at.measured
+        part, measured = image_samples_of(mixed.intrinsics), at.measured
         depth_m = None if real.depth_m is None else real.depth_m[part, part]
         expected = measured.views.image(
             _camera_pose(at),
@@ -194,12 +198,12 @@ class _OfCameras(Comparison):
         )
 
 
-class _OfDepthCameras(Comparison):
-    def compare(self, real: Any, mixed: Any, at: Exposure) -> FrameVisibility | None:
+class _OfDepthCameras(VisibilityComparison):
+    def compare(self, real: Any, mixed: Any, at: ReadingExposure) -> FrameVisibility | None:
         """Compare depth images, where both have one size."""
         if real.depth_m.shape != mixed.depth_m.shape:
             return None
-        part, measured = samples_of(mixed.intrinsics), at.measured
+        part, measured = image_samples_of(mixed.intrinsics), at.measured
         expected = measured.views.depths(_camera_pose(at), mixed.intrinsics, at.t_s)
         noise = DEPTH_NOISES.named(measured.noise)
         return compare_ranges(
@@ -216,13 +220,13 @@ class _OfDepthCameras(Comparison):
 CAMERA, DEPTH = _OfCameras(), _OfDepthCameras()
 
 
-def comparison_of(sensor_type: str) -> Comparison | None:
+def visibility_comparison_of(sensor_type: str) -> VisibilityComparison | None:
     """Return how mixtures of a type of sensors are compared; None where they show no objects."""
     place = traits_named(sensor_type).visibility
-    return load(place) if place else None
+    return load_plugin_object(place) if place else None
 
 
-def _camera_pose(at: Exposure) -> Pose:
+def _camera_pose(at: ReadingExposure) -> Pose:
     """Return the pose of the real vehicle's camera, turned as the recipe turns its view."""
     camera = at.measured.real
     if not isinstance(camera, CameraSetup | DepthSetup):

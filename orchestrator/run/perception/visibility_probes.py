@@ -13,22 +13,22 @@ from wil_campaign.orchestrator.external.external_io import ExternalIo
 from wil_campaign.orchestrator.run.perception.expected_views import ExpectedViews
 from wil_campaign.orchestrator.run.perception.visibility import (
     BodyPose,
-    Measured,
     MixtureViews,
+    VisibilityMeasurement,
     VisibilityProbe,
-    comparison_of,
+    visibility_comparison_of,
 )
 from wil_campaign.orchestrator.state.run_setup import RunSetup
 from wil_campaign.orchestrator.state.run_state import RunState
 from wil_campaign.orchestrator.state.vehicle_context import HISTORY_S, VehicleContext
 from wil_campaign.recipes.model.recipe import Combination
 from wil_campaign.recipes.pipeline.pipeline import Mixer
-from wil_campaign.recipes.visibility.model import Virtual
+from wil_campaign.recipes.visibility.model import VirtualObjects
 from wil_campaign.vehicles.cameras.rendered_cameras import MAX_POSE_AGE_S
 from wil_campaign.vehicles.poses.pose_history import PoseHistory
 from wil_campaign.vehicles.readings import PoseReading
 from wil_campaign.worlds.frames import Pose
-from wil_campaign.worlds.scene.scene import virtual_only
+from wil_campaign.worlds.scene.scene import virtual_only_objects
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,9 +70,9 @@ class VisibilityProbes:
         """
         combination = mixer.combination
         setup = self._setup
-        things = virtual_only(setup.real_scene, setup.virtual_scene)
+        things = virtual_only_objects(setup.real_scene, setup.virtual_scene)
         virtual = sought_objects(combination, things, named_objects(setup.case))
-        comparison = comparison_of(combination.sensor.kind)
+        comparison = visibility_comparison_of(combination.sensor.kind)
         if comparison is None:
             kind = combination.sensor.kind
             return NotMeasured(f"a reading of type {kind} shows no objects")
@@ -81,7 +81,7 @@ class VisibilityProbes:
             return NotMeasured(why)
         views = self._views_of_geometry()
         comparison.prepare(views)
-        measured = Measured(
+        measured = VisibilityMeasurement(
             combination=combination,
             real=real,
             twin=twin,
@@ -133,7 +133,7 @@ class VisibilityProbes:
         return key not in self._external_io.cameras and key not in self._external_io.simulators
 
 
-def _obstacle(combination: Combination, virtual: Virtual, real: SensorSetup) -> str:
+def _obstacle(combination: Combination, virtual: VirtualObjects, real: SensorSetup) -> str:
     """Return why the visibility in mixtures of a combination cannot be measured; or ""."""
     if not virtual.names:
         obstacle = (
@@ -147,7 +147,7 @@ def _obstacle(combination: Combination, virtual: Virtual, real: SensorSetup) -> 
 
 def sought_objects(
     combination: Combination, things: Mapping[int, str], named: Iterable[str]
-) -> Virtual:
+) -> VirtualObjects:
     """Return the virtual objects that a probe looks for. things: all of them, by id.
 
     Those that `shows` of the recipe names; without it all of them, or, where the recipe isolates
@@ -159,13 +159,13 @@ def sought_objects(
         shown = {i: name for i, name in things.items() if name in combination.shows}
         others = {i: name for i, name in things.items() if i not in shown}
         beside = (i for i, name in others.items() if name in isolated or not isolated)
-        return Virtual(shown, others, frozenset(beside))
+        return VirtualObjects(shown, others, frozenset(beside))
     if isolated:
         isolated |= set(named)
     wanted = {i: name for i, name in things.items() if name in isolated}
     if not wanted:
-        return Virtual(dict(things))
-    return Virtual(wanted, {i: name for i, name in things.items() if i not in wanted})
+        return VirtualObjects(dict(things))
+    return VirtualObjects(wanted, {i: name for i, name in things.items() if i not in wanted})
 
 
 def _is_file(camera: CameraSetup | DepthSetup) -> bool:

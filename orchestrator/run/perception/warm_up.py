@@ -9,17 +9,17 @@ import math
 from functools import cache
 
 from wil_campaign.campaigns.values.sensor_setups import CameraSetup, DepthSetup
-from wil_campaign.orchestrator.run.perception.visibility import comparison_of
+from wil_campaign.orchestrator.run.perception.visibility import visibility_comparison_of
 from wil_campaign.orchestrator.state.run_setup import RunSetup
 from wil_campaign.vehicles.embedded.emulations import load_kernels
 from wil_campaign.vehicles.embedded.physics.contact_world import BODY
-from wil_campaign.vehicles.embedded.physics.motion_kernel import estimate
+from wil_campaign.vehicles.embedded.physics.motion_kernel import estimate_motion
 from wil_campaign.vehicles.perception.hsv import NAMED_COLORS, HsvMask
-from wil_campaign.vehicles.perception.hsv_kernel import mark
+from wil_campaign.vehicles.perception.hsv_kernel import mark_hsv_pixels
 from wil_campaign.worlds.camera import Intrinsics
 from wil_campaign.worlds.clearance.clearance import ClearanceProbe
 from wil_campaign.worlds.frames import Pose
-from wil_campaign.worlds.jit import is_cached
+from wil_campaign.worlds.jit import is_kernel_cached
 from wil_campaign.worlds.render.renderer import Renderer
 from wil_campaign.worlds.render.shading import write_ids
 from wil_campaign.worlds.scene.scene import Scene
@@ -34,9 +34,9 @@ def load_kept_kernels() -> None:
     The run server calls it before it forks: half a second less for each run. Missing kernels are
     compiled by the run, which can be aborted meanwhile.
     """
-    if is_cached(estimate):
+    if is_kernel_cached(estimate_motion):
         load_kernels()
-    if is_cached(write_ids) and is_cached(mark):
+    if is_kernel_cached(write_ids) and is_kernel_cached(mark_hsv_pixels):
         load_rendering()
 
 
@@ -54,7 +54,7 @@ def warm_up(setup: RunSetup) -> None:
     if any(isinstance(sensor, CameraSetup | DepthSetup) for sensor in sensors):
         load_rendering()
     for kind in sorted({sensor.kind for sensor in sensors}):
-        if (comparison := comparison_of(kind)) is not None:
+        if (comparison := visibility_comparison_of(kind)) is not None:
             comparison.warm_up()
 
 

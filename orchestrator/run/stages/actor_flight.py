@@ -12,7 +12,7 @@ from itertools import pairwise
 from wil_campaign.campaigns.setup.actor_setups import ActorSetup
 from wil_campaign.campaigns.setup.case_setup import SyncSetup
 from wil_campaign.foundation.clocks.sleeping import sleep_until
-from wil_campaign.foundation.tasks import stop, together
+from wil_campaign.foundation.tasks import open_task_group, stop_tasks
 from wil_campaign.orchestrator.run.stages.operator_hold import OperatorHold
 from wil_campaign.orchestrator.run_results.run_result import ActorResult
 from wil_campaign.orchestrator.state.run_state import FlightError, RunState
@@ -21,9 +21,9 @@ from wil_campaign.safety.model.samples import PoseSample
 from wil_campaign.vehicles.autopilots.registry import autopilot_named
 from wil_campaign.vehicles.errors import VehicleError
 from wil_campaign.vehicles.setpoints import VelocitySetpoint
-from wil_campaign.worlds.figures import distinct_text
+from wil_campaign.worlds.figures import distinct_value_text
 from wil_campaign.worlds.frames import Pose, Vec3, add, norm, scale, subtract
-from wil_campaign.worlds.scene.motion import Leg, Motion
+from wil_campaign.worlds.scene.motion import MotionLeg, ObjectMotion
 
 _STEP_S = 0.05
 _MOST_STEPS = 200
@@ -36,7 +36,7 @@ class ActorWay:
     climb_m: height of that climb.
     """
 
-    def __init__(self, motion: Motion) -> None:
+    def __init__(self, motion: ObjectMotion) -> None:
         self._motion = motion
         begin, first = motion.begin.position_ned_m, motion.waypoints[0].position_ned_m
         self.climb_m = begin[2] - first[2]
@@ -62,7 +62,7 @@ class ActorWay:
         """Return how long the motion takes."""
         return self._motion.duration_s
 
-    def _leg_at(self, since_s: float) -> Leg:
+    def _leg_at(self, since_s: float) -> MotionLeg:
         ends_later = (leg for leg in self._motion.legs if since_s < leg.begin_s + leg.duration_s)
         return next(ends_later, self._motion.legs[-1])
 
@@ -179,13 +179,13 @@ class ActorFlight:
     async def fly(self) -> None:
         """Fly the actor until the pair lands, then land it; an error decides the run."""
         try:
-            async with together() as tasks:
+            async with open_task_group() as tasks:
                 watching = tasks.create_task(self._watch(), name=f"limits of {self.name}")
                 flying = tasks.create_task(self._fly(), name=f"flight of {self.name}")
                 await self.run_state.reaching("land")
-                await stop(flying)
+                await stop_tasks(flying)
                 await self._land()
-                await stop(watching)
+                await stop_tasks(watching)
         except (VehicleError, FlightError) as error:
             self._fail(str(error))
         self.landed.set()
@@ -200,7 +200,7 @@ class ActorFlight:
         """Take off when the motion begins, and follow it; an error decides the run."""
         try:
             started_s = await self._started_s()
-            async with together() as tasks:
+            async with open_task_group() as tasks:
                 await self.operator_hold.through(lambda: self._take_off(started_s))
                 self._delay_s = asyncio.get_running_loop().time() - started_s
                 tasks.create_task(
@@ -278,10 +278,10 @@ class ActorFlight:
             place_ned_m = last.pose.position_ned_m
             behind_s = self._progress.behind_s(place_ned_m, last.t_s - started_s)
             if behind_s > limits.max_delay_s:
-                behind = distinct_text(behind_s, limits.max_delay_s, digits=1)
+                behind = distinct_value_text(behind_s, limits.max_delay_s, digits=1)
                 return f"is {behind} s behind its motion (max_delay_s {limits.max_delay_s:g})"
         if self._offset_m > limits.max_offset_m:
-            offset = distinct_text(self._offset_m, limits.max_offset_m)
+            offset = distinct_value_text(self._offset_m, limits.max_offset_m)
             return f"is {offset} m off its path (max_offset_m {limits.max_offset_m:g})"
         if last is None or now_s - last.t_s > limits.max_silence_s:
             return f"has sent no pose for {limits.max_silence_s:g} s (max_silence_s)"

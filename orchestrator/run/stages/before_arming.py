@@ -7,11 +7,11 @@ import asyncio
 from collections.abc import Collection, Iterable
 
 from wil_campaign.orchestrator.external.external_io import ExternalIo
-from wil_campaign.orchestrator.run.stages.distinct_vehicles import require_distinct
-from wil_campaign.orchestrator.run.stages.drop_outs import each
+from wil_campaign.orchestrator.run.stages.distinct_vehicles import require_distinct_vehicles
+from wil_campaign.orchestrator.run.stages.drop_outs import each_vehicle
 from wil_campaign.orchestrator.run.vehicles.arming_record import ArmingRecord
 from wil_campaign.orchestrator.run.vehicles.onboard_configuration import OnboardConfiguration
-from wil_campaign.orchestrator.run.vehicles.preflight_checks import Preflight
+from wil_campaign.orchestrator.run.vehicles.preflight_checks import PreflightChecks
 from wil_campaign.orchestrator.run_results.result_parts import ArmingStep
 from wil_campaign.orchestrator.state.run_setup import RunSetup
 from wil_campaign.orchestrator.state.run_state import FlightError
@@ -77,7 +77,7 @@ class BeforeArming:
         guard: Guard,
         contexts: tuple[VehicleContext, ...],
         external_io: ExternalIo,
-        preflight: Preflight,
+        preflight: PreflightChecks,
         configuration: OnboardConfiguration,
         record: ArmingRecord,
         actors: tuple[VehicleContext, ...] = (),
@@ -108,11 +108,11 @@ class BeforeArming:
             with self._record.step("actor", actor.name):
                 await actor.driver.identify(self._setup.case.sync.identify_timeout_s)
                 await actor.driver.ready(timeout_s)
-        require_distinct(flown)
+        require_distinct_vehicles(flown)
         self._refuse_rivals()
         try:
-            await each(flown, self.configuration.apply)
-            await each(flown, lambda context: context.driver.ready(timeout_s))
+            await each_vehicle(flown, self.configuration.apply)
+            await each_vehicle(flown, lambda context: context.driver.ready(timeout_s))
         except VehicleError:
             # Two vehicles that answer each request refuse a fence, for one; and the second may have
             # been switched on a moment ago.

@@ -8,7 +8,7 @@ from wil_campaign.orchestrator.state.vehicle_context import VehicleContext
 from wil_campaign.vehicles.driver.session.identity import same_vehicle
 
 
-def require_distinct(contexts: Iterable[VehicleContext]) -> None:
+def require_distinct_vehicles(contexts: Iterable[VehicleContext]) -> None:
     """Refuse one vehicle on two links. Raises FlightError."""
     for context, other in itertools.combinations(contexts, 2):
         if same_vehicle(context.driver.identity, other.driver.identity):

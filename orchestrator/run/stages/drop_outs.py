@@ -3,13 +3,13 @@
 import asyncio
 from collections.abc import Awaitable, Callable, Iterable
 
-from wil_campaign.foundation.tasks import raising_first_of
+from wil_campaign.foundation.tasks import raising_first_task_error
 from wil_campaign.orchestrator.state.run_state import FlightError, RunState
 from wil_campaign.orchestrator.state.vehicle_context import VehicleContext
 from wil_campaign.vehicles.errors import VehicleError
 
 
-async def unless_out(
+async def unless_dropped_out(
     vehicle: str,
     run_state: RunState,
     do: Callable[[], Awaitable[object]],
@@ -37,7 +37,7 @@ async def unless_out(
             raise
 
 
-async def each(
+async def each_vehicle(
     contexts: Iterable[VehicleContext], do: Callable[[VehicleContext], Awaitable[object]]
 ) -> None:
     """Run a step with all vehicles concurrently; the first error cancels the others."""
@@ -45,13 +45,13 @@ async def each(
     async def one(context: VehicleContext) -> None:
         await do(context)
 
-    with raising_first_of(VehicleError, FlightError):
+    with raising_first_task_error(VehicleError, FlightError):
         async with asyncio.TaskGroup() as group:
             for context in contexts:
                 group.create_task(one(context), name=f"{context.name} stage")
 
 
-async def each_left(
+async def each_remaining_vehicle(
     contexts: Iterable[VehicleContext],
     run_state: RunState,
     do: Callable[[VehicleContext], Awaitable[object]],
@@ -62,6 +62,6 @@ async def each_left(
         if not context.may_drop_out:
             await do(context)
         else:
-            await unless_out(context.name, run_state, lambda: do(context), repeated=True)
+            await unless_dropped_out(context.name, run_state, lambda: do(context), repeated=True)
 
-    await each(contexts, one)
+    await each_vehicle(contexts, one)

@@ -4,9 +4,9 @@ import asyncio
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
-from wil_campaign.foundation.tasks import stop, together
+from wil_campaign.foundation.tasks import open_task_group, stop_tasks
 from wil_campaign.orchestrator.run.perception.runner_factory import AnyRunner
-from wil_campaign.orchestrator.run.stages.drop_outs import unless_out
+from wil_campaign.orchestrator.run.stages.drop_outs import unless_dropped_out
 from wil_campaign.orchestrator.state.run_state import RunState
 from wil_campaign.safety.model.verdict import GOAL_TIMEOUT
 
@@ -42,13 +42,13 @@ class GoalFlight:
         for runner in self.runners.values():
             runner.on_first_setpoint(self.started)
         try:
-            async with asyncio.timeout(self.within_s), together() as tasks:
+            async with asyncio.timeout(self.within_s), open_task_group() as tasks:
                 flying = [
                     tasks.create_task(self._fly_vehicle(name, runner), name=f"{name} autonomy")
                     for name, runner in self.runners.items()
                 ]
                 await self._await_done()
-                await stop(*flying)
+                await stop_tasks(*flying)
         except TimeoutError:
             reason = (
                 f"the autonomy of {self.subject} was not done {self.within_s:g} s after its goal"
@@ -57,7 +57,7 @@ class GoalFlight:
 
     async def _fly_vehicle(self, name: str, runner: AnyRunner) -> None:
         if name == self.companion:
-            await unless_out(name, self.run_state, runner.fly)
+            await unless_dropped_out(name, self.run_state, runner.fly)
         else:
             await runner.fly()
 

@@ -26,7 +26,7 @@ class LiftoffDelays:
         return statistics.median(measured) if measured else None
 
 
-def staggers_s(delays_s: Mapping[str, float], names: Iterable[str]) -> dict[str, float]:
+def takeoff_staggers_s(delays_s: Mapping[str, float], names: Iterable[str]) -> dict[str, float]:
     """Return how long to delay each vehicle's takeoff command: the slowest one's not at all.
 
     delays_s: from command to liftoff, by name.

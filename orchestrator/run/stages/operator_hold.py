@@ -3,7 +3,7 @@
 import asyncio
 from collections.abc import Awaitable, Callable
 
-from wil_campaign.foundation.tasks import start, stop
+from wil_campaign.foundation.tasks import start_task, stop_tasks
 from wil_campaign.orchestrator.state.run_state import FlightError, RunState
 from wil_campaign.safety.guard.core.events import GuardEvent, brings_down
 from wil_campaign.vehicles.errors import VehicleError
@@ -69,12 +69,12 @@ class OperatorHold:
         async def doing() -> None:
             await do()
 
-        stage = start(doing(), name="stage")
-        resumed = start(self.resumed(after=after), name="resumed")
+        stage = start_task(doing(), name="stage")
+        resumed = start_task(self.resumed(after=after), name="resumed")
         try:
             await asyncio.wait([stage, resumed], return_when=asyncio.FIRST_COMPLETED)
         finally:
-            await stop(stage, resumed)
+            await stop_tasks(stage, resumed)
 
     def _hold(self, event: GuardEvent) -> None:
         self.count += 1

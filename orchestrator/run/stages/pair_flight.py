@@ -6,10 +6,10 @@ from contextlib import suppress
 
 from wil_campaign.campaigns.setup.case_setup import SyncSetup
 from wil_campaign.foundation.clocks.sleeping import sleep_until
-from wil_campaign.foundation.tasks import stop, together
-from wil_campaign.orchestrator.run.stages.distinct_vehicles import require_distinct
-from wil_campaign.orchestrator.run.stages.drop_outs import each, each_left
-from wil_campaign.orchestrator.run.stages.liftoff_delays import staggers_s
+from wil_campaign.foundation.tasks import open_task_group, stop_tasks
+from wil_campaign.orchestrator.run.stages.distinct_vehicles import require_distinct_vehicles
+from wil_campaign.orchestrator.run.stages.drop_outs import each_remaining_vehicle, each_vehicle
+from wil_campaign.orchestrator.run.stages.liftoff_delays import takeoff_staggers_s
 from wil_campaign.orchestrator.run.stages.operator_hold import OperatorHold
 from wil_campaign.orchestrator.run_results.run_result import NOT_ARMED
 from wil_campaign.orchestrator.state.run_state import FlightError, RunState
@@ -55,17 +55,17 @@ async def fly_together(
     without it.
     """
     run_state.enter("identify")
-    await each(contexts, lambda context: context.driver.identify(sync.identify_timeout_s))
-    require_distinct(contexts)
+    await each_vehicle(contexts, lambda context: context.driver.identify(sync.identify_timeout_s))
+    require_distinct_vehicles(contexts)
     run_state.enter("ready")
-    await each(contexts, lambda context: context.driver.ready(sync.ready_timeout_s))
+    await each_vehicle(contexts, lambda context: context.driver.ready(sync.ready_timeout_s))
     await before_arming()
     if not arm:
         run_state.decide("ABORTED", NOT_ARMED, source="no-arm")
         return
     run_state.enter("arm")
     await operator_hold.through(lambda: _arm(contexts))
-    stagger(staggers_s(liftoff_delays_s, [context.name for context in contexts]))
+    stagger(takeoff_staggers_s(liftoff_delays_s, [context.name for context in contexts]))
     run_state.enter("takeoff")
     delays_s = liftoff_delays_s
     await operator_hold.through(
@@ -89,7 +89,7 @@ async def _arm(contexts: tuple[VehicleContext, ...]) -> None:
 
     A second vehicle with the system id of one may show itself only now.
     """
-    await each(contexts, lambda context: context.driver.arm())
+    await each_vehicle(contexts, lambda context: context.driver.arm())
     if len(contexts) > 1:
         # The vehicle armed first is ahead: a takeoff waits until the motors have spooled up.
         flown_by = [autopilot_named(context.driver.identity.autopilot) for context in contexts]
@@ -107,7 +107,9 @@ async def _take_off(
 ) -> None:
     """Send the pair's takeoff commands for a common liftoff, and wait until all are at height."""
     await _command_takeoff(contexts, heights_m, run_state, delays_s)
-    await each_left(contexts, run_state, lambda one: _at_height(one, heights_m[one.name], sync))
+    await each_remaining_vehicle(
+        contexts, run_state, lambda one: _at_height(one, heights_m[one.name], sync)
+    )
 
 
 async def _resume_takeoff(
@@ -119,14 +121,14 @@ async def _resume_takeoff(
 ) -> None:
     """Continue the takeoff after a hold: take off again from the ground, climb in the air."""
     grounded = [one for one in contexts if one.driver.state.landed in {"on_ground", "unknown"}]
-    await each_left(grounded, run_state, lambda one: one.driver.arm())
+    await each_remaining_vehicle(grounded, run_state, lambda one: one.driver.arm())
     await _command_takeoff(grounded, heights_m, run_state, delays_s)
 
     async def go_up(context: VehicleContext) -> None:
         up = _at_height if context in grounded else _climb
         await up(context, heights_m[context.name], sync)
 
-    await each_left(contexts, run_state, go_up)
+    await each_remaining_vehicle(contexts, run_state, go_up)
 
 
 async def _command_takeoff(
@@ -137,7 +139,7 @@ async def _command_takeoff(
 ) -> None:
     """Send the takeoff command of the slowest vehicle at once, those of the others later."""
     flying = [one for one in contexts if one.name not in run_state.dropped_out]
-    waits_s = staggers_s(delays_s, [one.name for one in flying])
+    waits_s = takeoff_staggers_s(delays_s, [one.name for one in flying])
     at_once = [one for one in flying if waits_s[one.name] == 0.0]
     acknowledged = {one.name: one.driver.begin_takeoff(heights_m[one.name]) for one in at_once}
 
@@ -147,7 +149,7 @@ async def _command_takeoff(
             acknowledged[context.name] = context.driver.begin_takeoff(heights_m[context.name])
         await acknowledged[context.name]
 
-    await each_left(flying, run_state, command)
+    await each_remaining_vehicle(flying, run_state, command)
 
 
 async def _climb(context: VehicleContext, height_m: float, sync: SyncSetup) -> None:
@@ -155,7 +157,7 @@ async def _climb(context: VehicleContext, height_m: float, sync: SyncSetup) -> N
     await context.driver.enter_guided()
     north_m, east_m, down_m = context.start.position_ned_m
     place = PositionSetpoint((north_m, east_m, down_m - height_m), context.start.yaw_rad)
-    async with together() as tasks:
+    async with open_task_group() as tasks:
         climbed = tasks.create_task(
             _at_height(context, height_m, sync), name=f"{context.name} at height"
         )
@@ -168,16 +170,16 @@ async def _climb(context: VehicleContext, height_m: float, sync: SyncSetup) -> N
 
 async def _guide(contexts: Iterable[VehicleContext], run_state: RunState) -> None:
     """Switch the pair to the mode that follows setpoints (offboard, guided)."""
-    await each_left(contexts, run_state, lambda context: context.driver.enter_guided())
+    await each_remaining_vehicle(contexts, run_state, lambda context: context.driver.enter_guided())
 
 
 async def _land(contexts: tuple[VehicleContext, ...], sync: SyncSetup, run_state: RunState) -> None:
     """Land the pair and wait until both are disarmed."""
-    async with together() as tasks:
+    async with open_task_group() as tasks:
         for context in (one for one in contexts if one.name in run_state.dropped_out):
             tasks.create_task(_land_dropped_out(context), name=f"landing of {context.name}")
-        await each_left(contexts, run_state, lambda context: context.driver.land())
-        await each_left(
+        await each_remaining_vehicle(contexts, run_state, lambda context: context.driver.land())
+        await each_remaining_vehicle(
             contexts, run_state, lambda context: context.driver.disarmed(sync.landing_timeout_s)
         )
         await _await_disarmed([one for one in contexts if one.name in run_state.dropped_out], sync)
@@ -217,10 +219,10 @@ async def _with_operator_holds(
             await operator_hold.resumed(after=count)
             await operator_hold.through(lambda: _guide(contexts, run_state))
 
-    async with together() as tasks:
+    async with open_task_group() as tasks:
         guiding = tasks.create_task(guide_again(), name="guided after a hold")
         await goal
-        await stop(guiding)
+        await stop_tasks(guiding)
 
 
 async def _at_height(context: VehicleContext, altitude_m: float, sync: SyncSetup) -> None:

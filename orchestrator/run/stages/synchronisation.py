@@ -8,9 +8,9 @@ from wil_campaign.orchestrator.state.liftoff_detector import LiftoffDetector
 from wil_campaign.orchestrator.state.run_state import RunState, Stage
 from wil_campaign.orchestrator.state.vehicle_context import VehicleContext
 from wil_campaign.safety.guard.local_guard import Record
-from wil_campaign.vehicles.mavlink.fields import NAV_TAKEOFF, command_of
+from wil_campaign.vehicles.mavlink.fields import NAV_TAKEOFF, command_in_frame
 from wil_campaign.vehicles.mavlink.framing import frame_header
-from wil_campaign.worlds.figures import distinct_text
+from wil_campaign.worlds.figures import distinct_value_text
 
 
 class Synchronisation:
@@ -105,7 +105,8 @@ class Synchronisation:
         if skew_s is not None and skew_s > limit_s:
             self._run_state.decide(
                 "INVALID",
-                f"{what} skew {distinct_text(skew_s, limit_s, digits=3)} s exceeds {limit_s:g} s",
+                f"{what} skew {distinct_value_text(skew_s, limit_s, digits=3)} s "
+                f"exceeds {limit_s:g} s",
                 source=f"sync/{what}",
             )
 
@@ -113,5 +114,5 @@ class Synchronisation:
 def _is_takeoff(frame: bytes) -> bool:
     """Return whether a frame is a takeoff command."""
     header = frame_header(frame)
-    command = None if header is None else command_of(header)
+    command = None if header is None else command_in_frame(header)
     return command is not None and command.number == NAV_TAKEOFF

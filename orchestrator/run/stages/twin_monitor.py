@@ -13,7 +13,7 @@ from wil_campaign.orchestrator.state.run_state import RunState, Stage
 from wil_campaign.orchestrator.state.vehicle_context import VehicleContext
 from wil_campaign.vehicles.coupling import Coupling
 from wil_campaign.vehicles.poses.pose_history import PoseHistory
-from wil_campaign.worlds.figures import distinct_text
+from wil_campaign.worlds.figures import distinct_value_text
 from wil_campaign.worlds.frames import Vec3, norm, subtract
 
 _HZ = 20.0
@@ -111,7 +111,7 @@ class TwinMonitor:
         self._is_beyond = True
         self._run_state.decide(
             "INVALID",
-            f"real and twin were {distinct_text(distance_m, self._limit_m)} m apart; "
+            f"real and twin were {distinct_value_text(distance_m, self._limit_m)} m apart; "
             f"sync.max_twin_distance_m is {self._limit_m:g} m",
             t_s=t_s,
             source="sync/twin",

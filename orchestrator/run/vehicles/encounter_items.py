@@ -2,21 +2,21 @@
 
 from collections.abc import Iterable, Iterator
 
-from wil_campaign.campaigns.setup.encounters import encounters
+from wil_campaign.campaigns.setup.encounters import actor_encounters
 from wil_campaign.orchestrator.state.run_setup import RunSetup
 from wil_campaign.orchestrator.state.vehicle_context import VehicleContext
-from wil_campaign.safety.preflight import Item, distance_item, separation_item
+from wil_campaign.safety.preflight import PreflightItem, distance_item, separation_item
 from wil_campaign.worlds.frames import norm
 from wil_campaign.worlds.geodesy import LocalFrame
 
 
-def encounter_items(setup: RunSetup, contexts: Iterable[VehicleContext]) -> Iterator[Item]:
+def encounter_items(setup: RunSetup, contexts: Iterable[VehicleContext]) -> Iterator[PreflightItem]:
     """Yield for each encounter whether fences separate the two, and whether they stand as stated.
 
     contexts: of all vehicles that fly.
     """
     places_deg = {context.name: context.driver.place_deg for context in contexts}
-    for encounter in encounters(setup.case, setup.mode):
+    for encounter in actor_encounters(setup.case, setup.mode):
         name, other = encounter.actor.name, encounter.other.name
         yield separation_item(name, other, encounter.apart_m, encounter.needed_m)
         measured_m = _distance_m(places_deg[name], places_deg[other])

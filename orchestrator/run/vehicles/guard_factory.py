@@ -17,16 +17,16 @@ from wil_campaign.orchestrator.state.run_setup import RunSetup
 from wil_campaign.safety.guard.core.events import GuardedVehicle, GuardSettings
 from wil_campaign.safety.guard.guard import Guard
 from wil_campaign.safety.guard.local_guard import GuardLinks, LocalGuard, Record
-from wil_campaign.safety.guard.process.guard_config import GuardConfig, Guarded
+from wil_campaign.safety.guard.process.guard_config import GuardConfig, GuardedVehicleConfig
 from wil_campaign.safety.guard.process.remote_guard import RemoteGuard
 from wil_campaign.safety.guard.process.run_clock import PaceSetup
-from wil_campaign.vehicles.autopilots.autopilot import Target
+from wil_campaign.vehicles.autopilots.autopilot import MavlinkTarget
 from wil_campaign.vehicles.autopilots.registry import autopilot_named
 from wil_campaign.vehicles.launch import ReservedLaunch
 from wil_campaign.vehicles.links.link import Link
-from wil_campaign.vehicles.links.link_conditions import LinkConditions, under_conditions
+from wil_campaign.vehicles.links.link_conditions import LinkConditions, link_under_conditions
 from wil_campaign.vehicles.links.memory import memory_pair
-from wil_campaign.worlds.scene.track import Track
+from wil_campaign.worlds.scene.track import ObjectTrack
 
 _LINK_SEED = 3
 """Separates the random draws of links from others with the same seed."""
@@ -42,7 +42,7 @@ def guard_of(
     *,
     record: Record,
     prepared: Mapping[str, ReservedLaunch],
-    tracks: Mapping[str, Track],
+    tracks: Mapping[str, ObjectTrack],
 ) -> tuple[Guard, VehicleBackend, Mapping[str, Link]]:
     """Return the guard, the backend that starts vehicles for it, and its links by vehicle.
 
@@ -56,7 +56,7 @@ def guard_of(
     guarded: dict[str, GuardedVehicle] = {
         vehicle.name: GuardedVehicle(
             autopilot=autopilot_named(vehicle.autopilot),
-            target=Target(vehicle.system_id),
+            target=MavlinkTarget(vehicle.system_id),
             # An actor follows its motion: the limits are for the autonomy under test.
             limits=None if vehicle in setup.actors else setup.case.limits,
             attached=vehicle.attached is not None,
@@ -81,13 +81,13 @@ def guard_of(
         campaign=str((setup.order.campaign or setup.order.folder).absolute()),
         epoch_s=time.time() - asyncio.get_running_loop().time(),
         vehicles={
-            flown.name: Guarded(
+            flown.name: GuardedVehicleConfig(
                 vehicle=guarded[flown.name],
                 link=_address(flown, prepared),
                 patient=flown.launch is not None,
                 gcs=setup.case.gcs.get(flown.name, ""),
                 spares=tuple(map(str, flown.spares)),
-                conditions=conditions_of(setup, flown),
+                conditions=link_conditions_of(setup, flown),
             )
             for flown in setup.guarded
         },
@@ -135,7 +135,7 @@ def _address(vehicle: FlownSetup, prepared: Mapping[str, ReservedLaunch]) -> str
     return "" if vehicle.attached is None else str(vehicle.attached)
 
 
-def conditions_of(setup: RunSetup, vehicle: FlownSetup) -> LinkConditions:
+def link_conditions_of(setup: RunSetup, vehicle: FlownSetup) -> LinkConditions:
     """Return the link conditions between guard and vehicle, by the run's seed."""
     seed = vehicle_seed(setup.seed, vehicle.name), _LINK_SEED
     observers = setup.case.observers.values()
@@ -149,7 +149,7 @@ def _guard_in_process(
     guarded: Mapping[str, GuardedVehicle],
     settings: GuardSettings,
     record: Record,
-    tracks: Mapping[str, Track],
+    tracks: Mapping[str, ObjectTrack],
 ) -> tuple[Guard, VehicleBackend, Mapping[str, Link]]:
     """Return a local guard, its in-process backend, and the links by vehicle."""
     backend = InProcessBackend(setup, tracks)
@@ -157,8 +157,8 @@ def _guard_in_process(
     outer: dict[str, Link] = {}
     for vehicle in setup.guarded:
         near, outer[vehicle.name] = memory_pair(name=f"{vehicle.name} guard")
-        there = under_conditions(
-            [backend.link(vehicle)], conditions_of(setup, vehicle), utc_s=VIRTUAL_EPOCH_S
+        there = link_under_conditions(
+            [backend.link(vehicle)], link_conditions_of(setup, vehicle), utc_s=VIRTUAL_EPOCH_S
         )
         inner[vehicle.name] = GuardLinks(
             vehicle=there.link, orchestrator=near, impaired=there.impaired

@@ -9,10 +9,10 @@ from collections.abc import Callable, Iterator, Mapping
 
 import shapely
 
-from wil_campaign.foundation.tasks import raising_first_of
+from wil_campaign.foundation.tasks import raising_first_task_error
 from wil_campaign.orchestrator.run.vehicles.preflight_checks import (
     ceiling_above_home_m,
-    lower_return,
+    lower_return_parameters,
     sets_failsafes,
 )
 from wil_campaign.orchestrator.run.vehicles.restoration import Restoration
@@ -25,7 +25,12 @@ from wil_campaign.vehicles.driver.onboard.fence_protocol import AutopilotFence
 from wil_campaign.vehicles.driver.onboard.onboard_fence import OnboardFence
 from wil_campaign.vehicles.driver.onboard.parameter_backup import ParameterValue
 from wil_campaign.vehicles.errors import VehicleError
-from wil_campaign.vehicles.mavlink.fence_areas import FenceArea, FenceCircle, FencePolygon, Place
+from wil_campaign.vehicles.mavlink.fence_areas import (
+    FenceArea,
+    FenceCircle,
+    FencePlace,
+    FencePolygon,
+)
 from wil_campaign.worlds.frames import Vec3
 
 _QUARTER = 6
@@ -33,7 +38,7 @@ _QUARTER = 6
 _CIRCUMSCRIBED = 1.0 / math.cos(math.pi / (4 * _QUARTER))
 """Radius of the corners, by that of the circle: the sides touch it, so that none of it is lost."""
 
-Locate = Callable[[Point2], Place]
+Locate = Callable[[Point2], FencePlace]
 """Returns the place on Earth of a point of the world; north and east in metres."""
 
 
@@ -93,12 +98,16 @@ def _shape(area: Area) -> shapely.Polygon:
     return shapely.Polygon(area.corners_m)
 
 
-def _closed_ring(ring: shapely.LinearRing, *, inside: bool, locate: Locate) -> FencePolygon[Place]:
+def _closed_ring(
+    ring: shapely.LinearRing, *, inside: bool, locate: Locate
+) -> FencePolygon[FencePlace]:
     corners = [locate((north, east)) for north, east in list(ring.coords)[:-1]]
     return FencePolygon(tuple(corners), inside=inside)
 
 
-def _disc(circle: Circle, margin_m: float, *, inside: bool, locate: Locate) -> FenceCircle[Place]:
+def _disc(
+    circle: Circle, margin_m: float, *, inside: bool, locate: Locate
+) -> FenceCircle[FencePlace]:
     return FenceCircle(locate(circle.centre_m), circle.radius_m + margin_m, inside=inside)
 
 
@@ -176,7 +185,7 @@ class OnboardFences:
                 raise VehicleError(
                     f"{name} is not ready yet: try again once its first fence is uploaded"
                 )
-        with raising_first_of(VehicleError):
+        with raising_first_task_error(VehicleError):
             async with asyncio.TaskGroup() as group:
                 for name, fence in fences.items():
                     group.create_task(self._offer(name, fence), name=f"{name} fence")
@@ -228,7 +237,7 @@ class OnboardFences:
         if "return_altitude" in self._setup.case.preflight.override:
             return {}
         driver = context.driver
-        lower = await lower_return(
+        lower = await lower_return_parameters(
             driver.identity.autopilot, driver.parameters, ceiling_m=ceiling_m
         )
         if sets_failsafes(self._setup, vehicle) and not lower.keys() & vehicle.params.keys():
@@ -244,9 +253,9 @@ class OnboardFences:
     ) -> AutopilotFence:
         wider = self._setup.case.preflight.fence
 
-        def locate(point_m: Point2) -> Place:
+        def locate(point_m: Point2) -> FencePlace:
             place = context.driver.place_of((*point_m, 0.0))
-            return Place(place.latitude_deg, place.longitude_deg)
+            return FencePlace(place.latitude_deg, place.longitude_deg)
 
         try:
             return onboard_fence_of(

@@ -8,7 +8,7 @@ from wil_campaign.campaigns.setup.vehicle_setups import FlownSetup
 from wil_campaign.orchestrator.external.motion_captures import MotionCaptures
 from wil_campaign.orchestrator.run.vehicles.guard_factory import guard_of
 from wil_campaign.orchestrator.run.vehicles.simulator_launch import prepare_launches
-from wil_campaign.orchestrator.run.vehicles.vehicle_backends import TRUTH_HZ, Feed
+from wil_campaign.orchestrator.run.vehicles.vehicle_backends import TRUTH_HZ, VehicleFeed
 from wil_campaign.orchestrator.state.run_setup import RunSetup
 from wil_campaign.orchestrator.state.vehicle_context import VehicleContext
 from wil_campaign.safety.guard.core.commands import AnchorAt
@@ -19,7 +19,7 @@ from wil_campaign.vehicles.driver import Driver
 from wil_campaign.vehicles.driver.vehicle_state import EstimateSample
 from wil_campaign.vehicles.links.tapped import TappedLink
 from wil_campaign.vehicles.poses.truth import TruthSample
-from wil_campaign.worlds.scene.track import Track
+from wil_campaign.worlds.scene.track import ObjectTrack
 
 _UNJUDGED_TRUTH_HZ = 50.0
 """Rate of a truth that judges nothing: its camera interpolates it, and it is recorded."""
@@ -32,7 +32,7 @@ _SCALED_CLOCK_DRIFT = 0.1
 
 
 @dataclass(frozen=True, slots=True)
-class Pair:
+class VehiclePair:
     """The pair in flight: one vehicle context in modes sim and real, two in wil; and the guard.
 
     links: to the vehicles through the guard, for programs that use MAVLink beside the drivers.
@@ -40,7 +40,7 @@ class Pair:
     """
 
     contexts: tuple[VehicleContext, ...]
-    vehicles: Mapping[str, Feed]
+    vehicles: Mapping[str, VehicleFeed]
     guard: Guard
     links: Mapping[str, TappedLink]
     actors: tuple[VehicleContext, ...] = ()
@@ -64,8 +64,8 @@ class Pair:
 
 @asynccontextmanager
 async def open_pair(
-    setup: RunSetup, *, record: Record, captures: MotionCaptures, tracks: Mapping[str, Track]
-) -> AsyncIterator[Pair]:
+    setup: RunSetup, *, record: Record, captures: MotionCaptures, tracks: Mapping[str, ObjectTrack]
+) -> AsyncIterator[VehiclePair]:
     """Start the guard, then the pair of a run, and connect to it through the guard.
 
     captures: external motion capture, for vehicles that have it. tracks: positions of the world's
@@ -82,7 +82,7 @@ async def open_pair(
         await stack.enter_async_context(guard)
         for vehicle in setup.guarded:
             await backend.begin(stack, vehicle)
-        feeds: dict[str, Feed] = {}
+        feeds: dict[str, VehicleFeed] = {}
         for vehicle, context in zip(setup.vehicles, contexts, strict=True):
             truth_hz = TRUTH_HZ if vehicle.name == setup.subject else _UNJUDGED_TRUTH_HZ
             feeds[vehicle.name] = feed = await backend.start(stack, vehicle)
@@ -104,7 +104,7 @@ async def open_pair(
                 context.driver.on_truth(context.receive_simulator)
             actors.append(context)
         backend.all_started()
-        yield Pair(tuple(contexts), feeds, guard, links, tuple(actors))
+        yield VehiclePair(tuple(contexts), feeds, guard, links, tuple(actors))
 
 
 def _vehicle_context(setup: RunSetup, vehicle: FlownSetup, link: TappedLink) -> VehicleContext:
@@ -134,13 +134,15 @@ def _clock_drift(setup: RunSetup, vehicle: FlownSetup) -> float:
     return _CLOCK_DRIFT if vehicle.embedded else _SIMULATED_CLOCK_DRIFT
 
 
-def _connect_vehicle(context: VehicleContext, feed: Feed, guard: Guard, *, truth_hz: float) -> None:
+def _connect_vehicle(
+    context: VehicleContext, feed: VehicleFeed, guard: Guard, *, truth_hz: float
+) -> None:
     context.driver.on_estimate(context.receive_estimate)
     feed.on_truth(context.receive_truth, truth_hz)
     context.on_pose(guard.position)
 
 
-def _connect_actor(context: VehicleContext, feed: Feed, guard: Guard) -> None:
+def _connect_actor(context: VehicleContext, feed: VehicleFeed, guard: Guard) -> None:
     """Connect an actor's estimates and its simulation's truth to its context and the guard."""
 
     def take(truth: TruthSample) -> None:

@@ -9,7 +9,7 @@ from functools import partial
 from pathlib import Path
 
 from wil_campaign.campaigns.setup.vehicle_setups import FlownSetup
-from wil_campaign.campaigns.values.wanted_firmware import fits
+from wil_campaign.campaigns.values.wanted_firmware import fits_firmware
 from wil_campaign.orchestrator.run.vehicles.encounter_items import encounter_items
 from wil_campaign.orchestrator.run.vehicles.firmware_record import firmware_of
 from wil_campaign.orchestrator.run.vehicles.return_checks import return_faults
@@ -18,23 +18,23 @@ from wil_campaign.orchestrator.state.run_state import FlightError
 from wil_campaign.orchestrator.state.vehicle_context import VehicleContext
 from wil_campaign.safety.fence.geofence import Fence
 from wil_campaign.safety.preflight import (
-    Item,
-    at_least,
-    at_most,
+    PreflightItem,
+    at_least_item,
+    at_most_item,
+    faults_item,
     firmware_item,
     gps_items,
     ground_truth_item,
     home_item,
+    items_with_overrides,
     other_sender_item,
     pair_item,
     permitted_item,
-    refused,
-    settled,
-    without_faults,
+    refused_items_text,
 )
 from wil_campaign.vehicles.autopilots.registry import autopilot_named
 from wil_campaign.vehicles.driver.onboard.parameter_backup import ParameterValue
-from wil_campaign.vehicles.driver.onboard.parameters import Parameters
+from wil_campaign.vehicles.driver.onboard.parameters import OnboardParameters
 from wil_campaign.vehicles.errors import ParameterError
 from wil_campaign.vehicles.mavlink.names import message_name
 from wil_campaign.worlds.frames import Vec3, norm, subtract
@@ -53,13 +53,13 @@ _OF_CEILING = 0.75
 """Return altitude beneath a low ceiling, as a share of it: a quarter is left for overshoot."""
 
 
-class Preflight:
+class PreflightChecks:
     """Runs the preflight checks before arming. items: the results; note: records each of them."""
 
     def __init__(self, *, setup: RunSetup, note: Note) -> None:
         self._setup = setup
         self._note = note
-        self.items: tuple[Item, ...] = ()
+        self.items: tuple[PreflightItem, ...] = ()
 
     async def check(
         self, contexts: tuple[VehicleContext, ...], actors: tuple[VehicleContext, ...] = ()
@@ -77,15 +77,15 @@ class Preflight:
         items += self._pair(contexts)
         items += encounter_items(self._setup, flown)
         items += itertools.starmap(permitted_item, self._setup.case.permits.items())
-        self.items = settled(items, wanted.override)
+        self.items = items_with_overrides(items, wanted.override)
         for item in self.items:
             self._note("preflight", **asdict(item))
-        if reasons := refused(self.items):
+        if reasons := refused_items_text(self.items):
             raise FlightError(f"preflight: {reasons}{_advice(self.items)}")
         overridden = sum(item.outcome == "overridden" for item in self.items)
         return f"{len(self.items)} checks" + (f", {overridden} overridden" if overridden else "")
 
-    async def _vehicle(self, context: VehicleContext) -> Iterable[Item]:
+    async def _vehicle(self, context: VehicleContext) -> Iterable[PreflightItem]:
         setup, name = self._setup, context.name
         wanted, vehicle = setup.case.preflight, setup.flown(name)
         state, fence = context.driver.state, setup.case.fences.get(vehicle.name)
@@ -95,12 +95,12 @@ class Preflight:
         items = [
             *await self._failsafes(context, vehicle),
             *await self._least_takeoff(context),
-            at_least("battery", name, battery, wanted.min_battery, unit="", what="its charge"),
-            without_faults("estimator", name, state.faults),
+            at_least_item("battery", name, battery, wanted.min_battery, unit="", what="its charge"),
+            faults_item("estimator", name, state.faults),
             _position_item(context, position, wanted.start_tolerance_m),
             *(other_sender_item(name, text) for text in context.driver.others),
             *await self._source(context),
-            at_most(
+            at_most_item(
                 "clock",
                 name,
                 uncertainty_s,
@@ -114,12 +114,12 @@ class Preflight:
         context.driver.parameter_digest.settle()
         if (version := setup.case.firmware.get(name)) is not None:
             identity = context.driver.identity
-            found = fits(version, identity.version_text, identity.git_hash)
+            found = fits_firmware(version, identity.version_text, identity.git_hash)
             flown = firmware_of(context, setup).release
             items.append(firmware_item(name, flown, fits=found, wanted=version))
         return items
 
-    async def _source(self, context: VehicleContext) -> Iterable[Item]:
+    async def _source(self, context: VehicleContext) -> Iterable[PreflightItem]:
         """Return the preflight items of a vehicle's pose source: motion capture, or truth and GPS.
 
         A simulated vehicle flies by its estimate, also where it is judged by its truth.
@@ -131,8 +131,8 @@ class Preflight:
             age = "the age of its motion capture pose"
             rate = "the rate of its motion capture poses"
             return (
-                at_most("mocap", name, age_s, _FRESH_S, unit="s", what=age),
-                at_least("mocap", name, rate_hz, wanted.min_mocap_hz, unit="Hz", what=rate),
+                at_most_item("mocap", name, age_s, _FRESH_S, unit="s", what=age),
+                at_least_item("mocap", name, rate_hz, wanted.min_mocap_hz, unit="Hz", what=rate),
             )
         is_judged_by_truth = context.pose_source == "simulator"
         has_truth = is_judged_by_truth and self._setup.flown(name).requests_truth
@@ -148,7 +148,7 @@ class Preflight:
         )
         return (*truth, *gps)
 
-    def _truth_item(self, context: VehicleContext) -> Item:
+    def _truth_item(self, context: VehicleContext) -> PreflightItem:
         # Not the rate of the poses: these begin with the anchor, which may be new.
         now_s = asyncio.get_running_loop().time()
         return ground_truth_item(
@@ -161,30 +161,34 @@ class Preflight:
             refused=context.driver.truth.refused,
         )
 
-    async def _failsafes(self, context: VehicleContext, vehicle: FlownSetup) -> Iterable[Item]:
+    async def _failsafes(
+        self, context: VehicleContext, vehicle: FlownSetup
+    ) -> Iterable[PreflightItem]:
         failsafes = autopilot_named(context.driver.identity.autopilot).failsafes
         parameters = context.driver.parameters
         values: dict[str, float] = {}
         for rule in failsafes.rules:
             if rule.counts(values):
-                values |= await first_known(parameters, rule.names)
+                values |= await first_known_parameter(parameters, rule.names)
         names = tuple(parameter.name for parameter in failsafes.return_altitudes)
         ceiling_m = ceiling_above_home_m(self._setup, vehicle)
         faults = [*failsafes.unsound(values, pace=vehicle.launch_pace or 1.0)]
         fence = self._setup.case.fences.get(vehicle.name)
         if fence is not None:
-            known = partial(first_known, parameters)
+            known = partial(first_known_parameter, parameters)
             faults += await return_faults(context, fence, values, known)
-        items = [without_faults("failsafe", context.name, faults)]
+        items = [faults_item("failsafe", context.name, faults)]
         if ceiling_m is not None:
-            altitude_m = failsafes.return_altitude_m(await first_known(parameters, names))
+            altitude_m = failsafes.return_altitude_m(await first_known_parameter(parameters, names))
             what = "its RTL altitude"
             items.append(
-                at_most("return_altitude", context.name, altitude_m, ceiling_m, unit="m", what=what)
+                at_most_item(
+                    "return_altitude", context.name, altitude_m, ceiling_m, unit="m", what=what
+                )
             )
         return items
 
-    async def _least_takeoff(self, context: VehicleContext) -> Iterable[Item]:
+    async def _least_takeoff(self, context: VehicleContext) -> Iterable[PreflightItem]:
         """Return the preflight item of the height to which the autopilot climbs at least."""
         identity = context.driver.identity
         autopilot = autopilot_named(identity.autopilot)
@@ -192,21 +196,25 @@ class Preflight:
         pair = {vehicle.name: vehicle for vehicle in self._setup.vehicles}
         if name is None or context.name not in pair:
             return ()
-        known = await first_known(context.driver.parameters, [name])
+        known = await first_known_parameter(context.driver.parameters, [name])
         height_m = self._setup.height_m(pair[context.name])
         what = f"its {name}, to which {autopilot.label} {identity.version_text} climbs at least,"
         # A float of 4 bytes: 1.2 is 1.2000000477.
         least_m = round(known[name], 3) if known else None
-        return (at_most("takeoff_height", context.name, least_m, height_m, unit="m", what=what),)
+        return (
+            at_most_item("takeoff_height", context.name, least_m, height_m, unit="m", what=what),
+        )
 
-    def _pair(self, contexts: tuple[VehicleContext, ...]) -> Iterable[Item]:
+    def _pair(self, contexts: tuple[VehicleContext, ...]) -> Iterable[PreflightItem]:
         if len(contexts) < 2:
             return ()
         real, twin = [_from_start(context, _position(context)) for context in contexts]
         return (pair_item(real, twin, self._setup.case.preflight.pair_tolerance_m),)
 
 
-async def first_known(parameters: Parameters, names: Iterable[str]) -> dict[str, float]:
+async def first_known_parameter(
+    parameters: OnboardParameters, names: Iterable[str]
+) -> dict[str, float]:
     """Return name and value of the first parameter that the firmware knows; empty for none."""
     for name in names:
         try:
@@ -217,7 +225,7 @@ async def first_known(parameters: Parameters, names: Iterable[str]) -> dict[str,
 
 
 async def wanted_failsafes(
-    autopilot: str, parameters: Parameters, *, ceiling_m: float | None
+    autopilot: str, parameters: OnboardParameters, *, ceiling_m: float | None
 ) -> dict[str, ParameterValue]:
     """Return the failsafe parameters that preflight demands, by the firmware's names.
 
@@ -226,21 +234,21 @@ async def wanted_failsafes(
     wanted: dict[str, ParameterValue] = {}
     for rule in autopilot_named(autopilot).failsafes.rules:
         if rule.wanted is not None or rule.forbidden:  # The others are checked only.
-            for name, value in (await first_known(parameters, rule.names)).items():
+            for name, value in (await first_known_parameter(parameters, rule.names)).items():
                 instead = rule.wanted_instead(value)
                 if instead is not None:
                     wanted[name] = instead
     if ceiling_m is not None:
-        wanted |= await lower_return(autopilot, parameters, ceiling_m=ceiling_m)
+        wanted |= await lower_return_parameters(autopilot, parameters, ceiling_m=ceiling_m)
     return wanted
 
 
-async def lower_return(
-    autopilot: str, parameters: Parameters, *, ceiling_m: float
+async def lower_return_parameters(
+    autopilot: str, parameters: OnboardParameters, *, ceiling_m: float
 ) -> dict[str, ParameterValue]:
     """Return the parameters that make an autopilot return beneath a ceiling; empty if set."""
     for parameter in autopilot_named(autopilot).failsafes.return_altitudes:
-        for name, value in (await first_known(parameters, [parameter.name])).items():
+        for name, value in (await first_known_parameter(parameters, [parameter.name])).items():
             if value * parameter.metres <= ceiling_m:
                 return {}
             beneath = ceiling_m * _OF_CEILING / parameter.metres
@@ -271,14 +279,16 @@ def ceiling_above_home_m(
     return fence.ceiling_up_m + vehicle.start.position_ned_m[2]
 
 
-def disk_item(folder: Path, least_mb: float) -> Item:
+def disk_item(folder: Path, least_mb: float) -> PreflightItem:
     """Return the preflight item of free disk space for recordings."""
     free_mb = shutil.disk_usage(folder).free / _MEGABYTE
-    item = at_least("disk", "", free_mb, least_mb, unit="MB", what=f"free space in {folder}")
-    return item if item.outcome == "refused" else Item("disk", "", "ok", None, least_mb, "MB")
+    item = at_least_item("disk", "", free_mb, least_mb, unit="MB", what=f"free space in {folder}")
+    return (
+        item if item.outcome == "refused" else PreflightItem("disk", "", "ok", None, least_mb, "MB")
+    )
 
 
-def _advice(items: Iterable[Item]) -> str:
+def _advice(items: Iterable[PreflightItem]) -> str:
     """Return the remedy for refused parameters that preflight only checks; empty for others."""
     wrong = {item.check for item in items if item.outcome == "refused"}
     if wrong.isdisjoint({"failsafe", "return_altitude"}):
@@ -286,11 +296,13 @@ def _advice(items: Iterable[Item]) -> str:
     return "; set them in the vehicle, by its params, or with preflight.failsafe: set"
 
 
-def _position_item(context: VehicleContext, position: Vec3 | None, tolerance_m: float) -> Item:
+def _position_item(
+    context: VehicleContext, position: Vec3 | None, tolerance_m: float
+) -> PreflightItem:
     """Return the preflight item of a vehicle's distance from its start pose."""
     away = _from_start(context, position)
     what = f"its distance from its start pose by {context.pose_source}"
-    return at_most(
+    return at_most_item(
         "position",
         context.name,
         None if away is None else norm(away),

@@ -7,7 +7,7 @@ from typing import Protocol
 from wil_campaign.vehicles.errors import VehicleError
 
 
-class Change(Protocol):
+class OnboardChange(Protocol):
     """A change of a vehicle's onboard configuration, in force while it is entered (protocol)."""
 
     async def __aenter__(self) -> object:
@@ -30,10 +30,10 @@ class Restoration:
 
     def __init__(self) -> None:
         self._stack = AsyncExitStack()
-        self._changes: list[Change] = []
+        self._changes: list[OnboardChange] = []
         self._failures: list[str] = []
 
-    async def enter(self, change: Change) -> None:
+    async def enter(self, change: OnboardChange) -> None:
         """Make a change, to be restored. Raises VehicleError."""
         await change.__aenter__()
         self._stack.push_async_callback(self._restore, change)
@@ -49,7 +49,7 @@ class Restoration:
         if self._failures:
             raise VehicleError("; ".join(self._failures))
 
-    async def _restore(self, change: Change) -> None:
+    async def _restore(self, change: OnboardChange) -> None:
         try:
             await change.__aexit__(None, None, None)
         except VehicleError as error:

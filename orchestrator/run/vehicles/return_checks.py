@@ -77,9 +77,9 @@ async def _faults(
         return ()
     except MissionError as error:
         return (f"its {name} may be where it would return to, and are not known: {error}",)
-    places = list(places_of(items))
+    places = list(places_of_items(items))
     if which is ItemList.MISSION and "mission" not in ways:
-        first = landing_of(items)
+        first = landing_item_number(items)
         places = [] if first is None else [one for one in places if one[0] >= first]
     if not places:
         return ()
@@ -145,7 +145,7 @@ _ABOVE_HOME = frozenset(
 _LOCAL_FRAMES = frozenset({mavlink.MAV_FRAME_MISSION, mavlink.MAV_FRAME_LOCAL_NED})
 
 
-def places_of(items: Iterable[MissionItem]) -> Iterator[tuple[int, MissionItem]]:
+def places_of_items(items: Iterable[MissionItem]) -> Iterator[tuple[int, MissionItem]]:
     """Yield those items of a list that are places on Earth, each with its number from 1."""
     for number, item in enumerate(items, start=1):
         flown_to = item.command < mavlink.MAV_CMD_NAV_LAST or item.command in _ALSO_PLACES
@@ -153,7 +153,7 @@ def places_of(items: Iterable[MissionItem]) -> Iterator[tuple[int, MissionItem]]
             yield number, item
 
 
-def landing_of(items: Sequence[MissionItem]) -> int | None:
+def landing_item_number(items: Sequence[MissionItem]) -> int | None:
     """Return the number from 1 of the item at which a mission's landing begins; None for none."""
     for kinds in (_STARTS, _LANDINGS):
         for number, item in enumerate(items, start=1):

@@ -7,10 +7,10 @@ from dataclasses import replace
 from functools import partial
 
 from wil_campaign.campaigns.setup.vehicle_setups import FlownSetup
-from wil_campaign.foundation.tasks import start, stop
+from wil_campaign.foundation.tasks import start_task, stop_tasks
 from wil_campaign.orchestrator.state.run_setup import RunSetup
 from wil_campaign.safety.guard.process.remote_guard import RemoteGuard
-from wil_campaign.vehicles.launch import Home, Launch, ReservedLaunch
+from wil_campaign.vehicles.launch import LaunchHome, ReservedLaunch, SimulatorLaunch
 
 
 def prepare_launches(setup: RunSetup, stack: AsyncExitStack) -> Mapping[str, ReservedLaunch]:
@@ -34,17 +34,17 @@ def prepare_launches(setup: RunSetup, stack: AsyncExitStack) -> Mapping[str, Res
 
 async def start_simulators(name: str, prepared: ReservedLaunch, guard: RemoteGuard) -> None:
     """Have the guard launch a simulator, and wait for it. Raises LinkError, LaunchError."""
-    end = start(guard.end_of(name), name=f"end of {name}")
+    end = start_task(guard.end_of(name), name=f"end of {name}")
     try:
         await prepared.start(partial(guard.start, name), end)
     finally:
-        await stop(end)
+        await stop_tasks(end)
 
 
-def _at_start(launch: Launch, setup: RunSetup, vehicle: FlownSetup) -> Launch:
+def _at_start(launch: SimulatorLaunch, setup: RunSetup, vehicle: FlownSetup) -> SimulatorLaunch:
     """Return the simulator's launch at the vehicle's start in the world."""
     place = setup.case.world.frame.to_geodetic(vehicle.start.position_ned_m)
-    home = Home(
+    home = LaunchHome(
         latitude_deg=place.latitude_deg,
         longitude_deg=place.longitude_deg,
         altitude_m=place.altitude_m,

@@ -7,14 +7,17 @@ from contextlib import AsyncExitStack
 from typing import Literal, Protocol
 
 from wil_campaign.campaigns.setup.vehicle_setups import FlownSetup
-from wil_campaign.foundation.tasks import start, stop
+from wil_campaign.foundation.tasks import start_task, stop_tasks
 from wil_campaign.orchestrator.run.vehicles.simulator_launch import start_simulators
 from wil_campaign.orchestrator.state.run_setup import RunSetup
 from wil_campaign.safety.evaluation.judge import ground_objects
 from wil_campaign.safety.guard.process.remote_guard import RemoteGuard
 from wil_campaign.vehicles.autopilots.registry import autopilot_named
 from wil_campaign.vehicles.embedded.physics.config import EmbeddedConfig
-from wil_campaign.vehicles.embedded.physics.contact_world import SceneContactWorld, as_argument
+from wil_campaign.vehicles.embedded.physics.contact_world import (
+    SceneContactWorld,
+    contact_world_argument,
+)
 from wil_campaign.vehicles.embedded.process.embedded_launch import FeedClient
 from wil_campaign.vehicles.embedded.process.process_settings import (
     ContactWorldSettings,
@@ -28,7 +31,7 @@ from wil_campaign.vehicles.links.memory import memory_pair
 from wil_campaign.vehicles.poses.truth import TruthSample
 from wil_campaign.vehicles.readings import PoseReading
 from wil_campaign.vehicles.vehicle_server_process import vehicle_program
-from wil_campaign.worlds.scene.track import Track
+from wil_campaign.worlds.scene.track import ObjectTrack
 
 _LINK_LATENCY_S = 0.003
 """One way, as measured between processes over the loopback interface, rounded up."""
@@ -41,7 +44,7 @@ _ACTOR_SEEDS = 1 << 62
 """Separates the seeds of actors from those of the pair; within 64 bits."""
 
 
-class Feed(Protocol):
+class VehicleFeed(Protocol):
     """What a vehicle backend provides beside MAVLink: truth, motion capture (protocol)."""
 
     def on_truth(self, callback: Callable[[TruthSample], None], rate_hz: float) -> None:
@@ -60,7 +63,7 @@ class VehicleBackend(Protocol):
     async def begin(self, stack: AsyncExitStack, vehicle: FlownSetup) -> None:
         """Begin to start a vehicle, concurrently with others. Raises LinkError."""
 
-    async def start(self, stack: AsyncExitStack, vehicle: FlownSetup) -> Feed:
+    async def start(self, stack: AsyncExitStack, vehicle: FlownSetup) -> VehicleFeed:
         """Start a vehicle whose link is open; the stack stops it. Raises LinkError."""
 
     def all_started(self) -> None:
@@ -73,7 +76,7 @@ class InProcessBackend:
     tracks: positions of the world's objects that are flown by actors.
     """
 
-    def __init__(self, setup: RunSetup, tracks: Mapping[str, Track]) -> None:
+    def __init__(self, setup: RunSetup, tracks: Mapping[str, ObjectTrack]) -> None:
         self._setup = setup
         self._tracks = tracks
         self._far: dict[str, Link] = {}
@@ -159,7 +162,7 @@ class SubprocessBackend:
         await self._guard.start(vehicle.name, program)
         self._begun[vehicle.name] = feed
 
-    async def start(self, _: AsyncExitStack, vehicle: FlownSetup) -> Feed:
+    async def start(self, _: AsyncExitStack, vehicle: FlownSetup) -> VehicleFeed:
         """Wait for an embedded vehicle's process, or launch a simulator; attached ones run."""
         if vehicle.name in self._begun:
             return await self._await_first_message(vehicle.name)
@@ -171,14 +174,14 @@ class SubprocessBackend:
         """Have the guard control the scaled clock from now on."""
         self._guard.follow()
 
-    async def _await_first_message(self, name: str) -> Feed:
+    async def _await_first_message(self, name: str) -> VehicleFeed:
         """Wait for the first message of an embedded vehicle's process."""
         feed = self._begun[name]
-        first_message = start(feed.connected.wait(), name=f"first message of {name}")
+        first_message = start_task(feed.connected.wait(), name=f"first message of {name}")
         try:
             await self._guard.ended_or(name, first_message, _FIRST_MESSAGE_S)
         finally:
-            await stop(first_message)
+            await stop_tasks(first_message)
         return feed
 
     def _settings(self, vehicle: FlownSetup) -> ProcessSettings:
@@ -219,7 +222,7 @@ class SubprocessBackend:
         actors = [actor.name for actor in setup.actors]
         return ContactWorldSettings(
             use="wil_campaign.vehicles.embedded.physics.contact_world:from_argument",
-            argument=as_argument(
+            argument=contact_world_argument(
                 world,
                 setup.mode,
                 "W",

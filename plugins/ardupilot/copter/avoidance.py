@@ -8,7 +8,7 @@ emulated: sliding along fences, backing away (AVOID_BACKUP_SPD), OBSTACLE_DISTAN
 import math
 from typing import Any
 
-from wil_campaign.vehicles.embedded.autopilot.flight.parameter_table import Parameters
+from wil_campaign.vehicles.embedded.autopilot.flight.parameter_table import ParameterTable
 from wil_campaign.worlds.frames import Vec3
 
 _MAVLINK = 2
@@ -32,7 +32,7 @@ Obstacle = tuple[float, float]
 class SimpleAvoidance:
     """ArduCopter's simple avoidance: stores reported obstacles, limits velocities by them."""
 
-    def __init__(self, parameters: Parameters) -> None:
+    def __init__(self, parameters: ParameterTable) -> None:
         self._parameters = parameters
         # PRX1_TYPE takes effect only after a reboot.
         self.listens = int(parameters["PRX1_TYPE"]) == _MAVLINK
@@ -76,7 +76,7 @@ class SimpleAvoidance:
         for bearing_rad, distance_m in self._known_distances(t_s):
             to_north, to_east = math.cos(yaw_rad + bearing_rad), math.sin(yaw_rad + bearing_rad)
             towards = north * to_north + east * to_east
-            most = stopping_speed(max(0.0, distance_m - margin_m))
+            most = avoidance_stopping_speed(max(0.0, distance_m - margin_m))
             if towards > most:
                 north -= (towards - most) * to_north
                 east -= (towards - most) * to_east
@@ -89,7 +89,7 @@ class SimpleAvoidance:
         return [obstacle for ring in rings for obstacle in ring]
 
 
-def stopping_speed(distance_m: float) -> float:
+def avoidance_stopping_speed(distance_m: float) -> float:
     """Return the speed from which avoidance stops within a distance (sqrt_controller).
 
     Linear for small distances, a square root beyond.

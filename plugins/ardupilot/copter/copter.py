@@ -8,21 +8,27 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from wil_campaign.plugins.ardupilot.copter import copter_boot as boot
 from wil_campaign.plugins.ardupilot.copter import copter_telemetry
 from wil_campaign.plugins.ardupilot.copter.copter_core import CopterCore
-from wil_campaign.plugins.ardupilot.copter.copter_failsafes import Failsafes, View
-from wil_campaign.plugins.ardupilot.copter.copter_guided import Guided
+from wil_campaign.plugins.ardupilot.copter.copter_failsafes import (
+    CopterFailsafeInputs,
+    CopterFailsafes,
+)
+from wil_campaign.plugins.ardupilot.copter.copter_guided import CopterGuided
 from wil_campaign.plugins.ardupilot.copter.copter_modes import CopterMode
 from wil_campaign.plugins.ardupilot.copter.simulated_wind import simulated_wind
-from wil_campaign.vehicles.embedded.autopilot.aircraft import Aircraft
+from wil_campaign.vehicles.embedded.autopilot.aircraft import EmulatedAircraft
 from wil_campaign.vehicles.embedded.autopilot.flight.flight import TiltWatch
-from wil_campaign.vehicles.embedded.autopilot.flight.guidance import Behaviour, ReturnHome
+from wil_campaign.vehicles.embedded.autopilot.flight.guidance import (
+    GuidanceBehaviour,
+    ReturnHomeBehaviour,
+)
 from wil_campaign.vehicles.embedded.autopilot.flight.mission_flight import starts_with_takeoff
-from wil_campaign.vehicles.embedded.autopilot.flight.mission_items import Item
+from wil_campaign.vehicles.embedded.autopilot.flight.mission_items import EmulatedMissionItem
 from wil_campaign.vehicles.embedded.autopilot.flight.sticks import sticks_of_pulses
 from wil_campaign.vehicles.embedded.autopilot.services.command_registry import (
     ACCEPTED,
     DENIED,
     FAILED,
-    Command,
+    ReceivedCommand,
     on_command,
     on_message,
 )
@@ -40,11 +46,11 @@ _AFTER_LANDING_S = 0.4
 class ArduCopter(CopterCore):
     """The emulated ArduCopter over MAVLink: commands, missions, failsafes; its part is GUIDED."""
 
-    def __init__(self, aircraft: Aircraft) -> None:
+    def __init__(self, aircraft: EmulatedAircraft) -> None:
         super().__init__(aircraft)
-        self.guided = Guided(self)
+        self.guided = CopterGuided(self)
         self.hub.serve(self.guided)
-        self._failsafes = Failsafes(self.parameters)
+        self._failsafes = CopterFailsafes(self.parameters)
         self._tilt = TiltWatch(limit_rad=_CRASH_TILT_RAD, for_s=_CRASH_AFTER_S)
         self._texts_sent = 0
         self._yaw_aligned = False
@@ -96,14 +102,14 @@ class ArduCopter(CopterCore):
         return fault
 
     @on_command(mavlink.MAV_CMD_DO_FLIGHTTERMINATION)
-    def _terminate(self, command: Command) -> int:
+    def _terminate(self, command: ReceivedCommand) -> int:
         if command.params[0] <= 0.5:
             return FAILED
         self.stop_motors("command")
         return ACCEPTED
 
     @on_command(mavlink.MAV_CMD_DO_FENCE_ENABLE)
-    def _enable_fence(self, command: Command) -> int:
+    def _enable_fence(self, command: ReceivedCommand) -> int:
         self.parameters.set("FENCE_ENABLE", 1.0 if command.params[0] == 1.0 else 0.0)
         return ACCEPTED
 
@@ -129,7 +135,7 @@ class ArduCopter(CopterCore):
         self.guided.end()
         super().enter(mode)
 
-    def lift(self, down_m: float) -> Behaviour | None:  # noqa: ARG002 - PX4 climbs to it
+    def lift(self, down_m: float) -> GuidanceBehaviour | None:  # noqa: ARG002 - PX4 climbs to it
         """Return None: ArduCopter flies to a waypoint from the ground as it is."""
         return None
 
@@ -137,17 +143,17 @@ class ArduCopter(CopterCore):
         """Point ArduCopter's nose at a place; at 0, 0 no longer."""
         self.guided.look_at(latitude_deg, longitude_deg)
 
-    def _go_to_item(self, item: Item) -> int:
+    def _go_to_item(self, item: EmulatedMissionItem) -> int:
         return self.guided.go_to_item(item)
 
     @on_command(mavlink.MAV_CMD_MISSION_START)
-    def _start_mission(self, command: Command) -> int:
+    def _start_mission(self, command: ReceivedCommand) -> int:
         """Fly ArduCopter's mission; a first or last item is refused."""
         if command.params[0] != 0.0 or command.params[1] != 0.0:
             return DENIED
         return self.choose(CopterMode.AUTO)
 
-    def _behaviour(self, mode: CopterMode) -> Behaviour:
+    def _behaviour(self, mode: CopterMode) -> GuidanceBehaviour:
         if mode is CopterMode.AUTO:
             return self.missions.begin()
         return super()._behaviour(mode)
@@ -202,7 +208,7 @@ class ArduCopter(CopterCore):
             self._on_ground = touching
 
     def _check_failsafes(self) -> None:
-        view = View(
+        view = CopterFailsafeInputs(
             gcs_age_s=self.t_s - self.gcs_last_received_s,
             automatic=self.mode.is_autopilot or self.flight.landed,
             charge=self.state.charge,
@@ -242,6 +248,6 @@ class ArduCopter(CopterCore):
 
     def _disarm_delay_s(self, *, after_flight: bool) -> float:
         lands = self.mode in {CopterMode.LAND, CopterMode.AUTO} or isinstance(
-            self.flight.behaviour, ReturnHome
+            self.flight.behaviour, ReturnHomeBehaviour
         )
         return _AFTER_LANDING_S if after_flight and lands else self.parameters["DISARM_DELAY"]

@@ -3,10 +3,10 @@
 import math
 
 from wil_campaign.vehicles.embedded.autopilot.flight.guidance import (
-    GoTo,
+    GoToBehaviour,
+    GuidanceSpeeds,
     LandProfile,
-    Speeds,
-    TakeOff,
+    TakeOffBehaviour,
     speed_limits,
 )
 from wil_campaign.vehicles.embedded.autopilot.flight.manoeuvres import Manoeuvres
@@ -25,7 +25,7 @@ _MIN_SLOPE = 0.5
 class CopterManoeuvres(Manoeuvres):
     """ArduCopter's behaviours by WPNAV_*, LAND_* and RTL_*, which are in cm and cm/s."""
 
-    def default_speeds(self) -> Speeds:
+    def default_speeds(self) -> GuidanceSpeeds:
         """Return the speed limits of ArduCopter's automatic modes."""
         names = ("WPNAV_SPEED", "WPNAV_SPEED_UP", "WPNAV_SPEED_DN")
         across, up, down = map(self._metres, names)
@@ -35,7 +35,7 @@ class CopterManoeuvres(Manoeuvres):
         """Return a parameter in m or m/s that ArduCopter has in cm."""
         return self._p[name] / 100.0
 
-    def return_speeds(self) -> Speeds:
+    def return_speeds(self) -> GuidanceSpeeds:
         """Return the speed limits of ArduCopter's RTL, with RTL_SPEED if it is set."""
         limits = self.speeds()
         return limits._replace(across=max(0.0, self._metres("RTL_SPEED")) or limits.across)
@@ -65,10 +65,10 @@ class CopterManoeuvres(Manoeuvres):
         low_m = self._metres("LAND_ALT_LOW")
         return LandProfile(((low_m + 0.01, fast), (low_m, self._metres("LAND_SPEED"))))
 
-    def take_off(self, down_m: float) -> TakeOff:
+    def take_off(self, down_m: float) -> TakeOffBehaviour:
         """Return ArduCopter's climb to a local height."""
         limits = self.speeds()
-        return TakeOff(
+        return TakeOffBehaviour(
             down_m=down_m,
             climb_m_s=limits.up,
             ramp_s=0.0,
@@ -76,18 +76,18 @@ class CopterManoeuvres(Manoeuvres):
             speeds=limits,
         )
 
-    def waypoint(self, position_ned_m: Vec3) -> GoTo:
+    def waypoint(self, position_ned_m: Vec3) -> GoToBehaviour:
         """Return ArduCopter's flight to a place of a mission."""
         return self.go_to(position_ned_m, radius_m=self._metres("WPNAV_RADIUS"))
 
-    def go_to(self, position_ned_m: Vec3, *, radius_m: float) -> GoTo:
+    def go_to(self, position_ned_m: Vec3, *, radius_m: float) -> GoToBehaviour:
         """Return ArduCopter's flight to a place, facing it when it is farther than 2 m."""
         here, yaw_rad = self._state.now.position_ned_m, self._state.now.euler_rad[2]
         north, east = position_ned_m[0] - here[0], position_ned_m[1] - here[1]
         faces = int(self._p["WP_YAW_BEHAVIOR"]) in _FACES_WAYPOINT
         if faces and math.hypot(north, east) > _FACE_BEYOND_M:
             yaw_rad = math.atan2(east, north)
-        return GoTo(
+        return GoToBehaviour(
             position_ned_m=position_ned_m,
             yaw_rad=yaw_rad,
             speeds=self.speeds(),

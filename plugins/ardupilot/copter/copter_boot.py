@@ -55,16 +55,16 @@ _GPS: tuple[tuple[float, tuple[int, int]], ...] = (
 )
 
 
-def sensors(t_s: float) -> SensorMasks:
+def boot_sensor_masks(t_s: float) -> SensorMasks:
     """Return ArduCopter's SYS_STATUS sensor masks at a time since boot."""
     return next(masks for since_s, masks in _SENSORS if t_s >= since_s)
 
 
-def ekf_flags(t_s: float) -> int:
+def boot_ekf_flags(t_s: float) -> int:
     """Return ArduCopter's EKF_STATUS_REPORT flags at a time since boot."""
     return next(flags for since_s, flags in _EKF_FLAGS if t_s >= since_s)
 
 
-def gps(t_s: float) -> tuple[int, int]:
+def boot_gps_fix(t_s: float) -> tuple[int, int]:
     """Return ArduCopter's (GPS fix type, satellites) at a time since boot."""
     return next(fix for since_s, fix in _GPS if t_s >= since_s)

@@ -19,7 +19,7 @@ from wil_campaign.plugins.ardupilot.copter.data_flash import DataFlash
 from wil_campaign.plugins.ardupilot.copter.parameter_file import PATH as PARAMETER_FILE
 from wil_campaign.plugins.ardupilot.copter.parameter_file import parameter_file
 from wil_campaign.plugins.ardupilot.strategy import ArduCopter as Strategy
-from wil_campaign.vehicles.embedded.autopilot.aircraft import Aircraft, Firmware
+from wil_campaign.vehicles.embedded.autopilot.aircraft import EmulatedAircraft, FirmwareTraits
 from wil_campaign.vehicles.embedded.autopilot.emulated_autopilot import (
     EmulatedAutopilot,
     StandardModes,
@@ -27,9 +27,9 @@ from wil_campaign.vehicles.embedded.autopilot.emulated_autopilot import (
 from wil_campaign.vehicles.embedded.autopilot.flight import telemetry
 from wil_campaign.vehicles.embedded.autopilot.flight.flight import FlightStyle
 from wil_campaign.vehicles.embedded.autopilot.flight.guidance import (
-    Behaviour,
-    Follow,
-    ReturnHome,
+    FollowBehaviour,
+    GuidanceBehaviour,
+    ReturnHomeBehaviour,
     speed_limits,
 )
 from wil_campaign.vehicles.embedded.autopilot.flight.sticks import StickLimits
@@ -38,15 +38,15 @@ from wil_campaign.vehicles.embedded.autopilot.services.command_registry import (
     FAILED,
     FORCE_ARM,
     FORCE_DISARM,
-    Command,
+    ReceivedCommand,
     on_request,
 )
 from wil_campaign.vehicles.embedded.autopilot.services.outbox import EMERGENCY, INFO, WARNING
-from wil_campaign.vehicles.embedded.control.law import LawKind
+from wil_campaign.vehicles.embedded.control.law import ControlLawKind
 
-LAW = LawKind(
-    copter_kernel.step,
-    copter_kernel.advance,
+LAW = ControlLawKind(
+    copter_kernel.step_copter_law,
+    copter_kernel.advance_copter_body,
     copter_kernel.GAINS,
     copter_kernel.DEGREES,
     copter_kernel.HUNDREDTHS,
@@ -61,7 +61,7 @@ class CopterCore(EmulatedAutopilot[CopterMode]):
     """ArduCopter's modes and arming; the subclass handles commands, missions and failsafes."""
 
     name: ClassVar[str] = Strategy.name
-    firmware: ClassVar[Firmware] = Firmware(
+    firmware: ClassVar[FirmwareTraits] = FirmwareTraits(
         mav_autopilot=mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA,
         parameter_file=Strategy.embedded_parameters,
         bytewise=False,
@@ -86,7 +86,7 @@ class CopterCore(EmulatedAutopilot[CopterMode]):
     )
     manoeuvres: CopterManoeuvres
 
-    def __init__(self, aircraft: Aircraft) -> None:
+    def __init__(self, aircraft: EmulatedAircraft) -> None:
         super().__init__(aircraft, rates_hz=copter_telemetry.RATES_HZ, mode=CopterMode.STABILIZE)
         self.manoeuvres = CopterManoeuvres(self.parameters, self.state)
         self.taking_off = False
@@ -155,7 +155,7 @@ class CopterCore(EmulatedAutopilot[CopterMode]):
             return int(mavlink.MAV_LANDED_STATE_TAKEOFF)
         behaviour = self.flight.behaviour
         if self.mode is CopterMode.LAND or (
-            isinstance(behaviour, ReturnHome) and behaviour.landing
+            isinstance(behaviour, ReturnHomeBehaviour) and behaviour.landing
         ):
             return int(mavlink.MAV_LANDED_STATE_LANDING)
         return int(mavlink.MAV_LANDED_STATE_IN_AIR)
@@ -199,7 +199,7 @@ class CopterCore(EmulatedAutopilot[CopterMode]):
         self.enter(mode if self.position_valid else CopterMode.LAND)
         self.failsafe = True
 
-    def _behaviour(self, mode: CopterMode) -> Behaviour:
+    def _behaviour(self, mode: CopterMode) -> GuidanceBehaviour:
         if mode is CopterMode.GUIDED:
             self.follow = self._new_follow()
             self.follow.stand(self.state.now)
@@ -222,14 +222,14 @@ class CopterCore(EmulatedAutopilot[CopterMode]):
     def _sticks_last_s(self) -> float:
         return self.parameters["RC_OVERRIDE_TIME"]
 
-    def _new_follow(self) -> Follow:
+    def _new_follow(self) -> FollowBehaviour:
         speeds = self.manoeuvres.speeds()
         limit = self.avoidance.limited if self.avoidance.listens else None
-        return Follow(speeds=speeds, yaw_rad=0.0, may_lift=False, limit=limit)
+        return FollowBehaviour(speeds=speeds, yaw_rad=0.0, may_lift=False, limit=limit)
 
     # Arming.
 
-    def _is_forced(self, command: Command) -> bool:
+    def _is_forced(self, command: ReceivedCommand) -> bool:
         return command.params[1] == (FORCE_ARM if command.params[0] == 1.0 else FORCE_DISARM)
 
     def _begin_flight(self) -> None:

@@ -7,9 +7,9 @@ import math
 from typing import NamedTuple
 
 from wil_campaign.plugins.ardupilot.copter.copter_modes import CopterMode
-from wil_campaign.vehicles.embedded.autopilot.flight.parameter_table import Parameters
+from wil_campaign.vehicles.embedded.autopilot.flight.parameter_table import ParameterTable
 from wil_campaign.vehicles.embedded.autopilot.services.outbox import CRITICAL, INFO, WARNING
-from wil_campaign.vehicles.embedded.physics.battery import Charge
+from wil_campaign.vehicles.embedded.physics.battery import BatteryCharge
 
 _R, _L, _B, _S = CopterMode.RTL, CopterMode.LAND, CopterMode.BRAKE, CopterMode.SMART_RTL
 _GCS_ACTIONS = {1: _R, 2: _R, 3: _S, 4: _S, 5: _L, 6: _R, 7: _B}
@@ -22,7 +22,7 @@ _FENCE_ACTIONS = {1: _R, 2: _L, 3: _S, 4: _B, 5: _S}
 """FENCE_ACTION; 0 only reports."""
 
 
-class View(NamedTuple):
+class CopterFailsafeInputs(NamedTuple):
     """The inputs of ArduCopter's failsafes; the age of the GCS heartbeat in s.
 
     automatic: it is on the ground, or in a mode that mode.h calls an autopilot's.
@@ -30,11 +30,11 @@ class View(NamedTuple):
 
     gcs_age_s: float
     automatic: bool
-    charge: Charge
+    charge: BatteryCharge
     broken_fences: tuple[str, ...]
 
 
-class Decision(NamedTuple):
+class CopterFailsafeDecision(NamedTuple):
     """ArduCopter's failsafe decision: text, and the mode to enter; None to keep the mode."""
 
     severity: int
@@ -42,10 +42,10 @@ class Decision(NamedTuple):
     mode: CopterMode | None
 
 
-class Failsafes:
+class CopterFailsafes:
     """ArduCopter's failsafes: one decision per cause; an ended cause may begin again."""
 
-    def __init__(self, parameters: Parameters) -> None:
+    def __init__(self, parameters: ParameterTable) -> None:
         self._p = parameters
         self._active: set[str] = set()
 
@@ -53,28 +53,28 @@ class Failsafes:
         """Forget all failsafe causes: ArduCopter was armed."""
         self._active.clear()
 
-    def check(self, view: View) -> Decision | None:
+    def check(self, view: CopterFailsafeInputs) -> CopterFailsafeDecision | None:
         """Return the ArduCopter failsafe to begin now; None when there is no new cause."""
         causes = self._causes(view)
         ended = self._active - causes.keys()
         self._active -= ended
         if "gcs" in ended:
-            return Decision(INFO, "GCS Failsafe Cleared", None)
+            return CopterFailsafeDecision(INFO, "GCS Failsafe Cleared", None)
         for cause, decision in causes.items():
             if cause not in self._active:
                 self._active.add(cause)
                 return decision
         return None
 
-    def _causes(self, view: View) -> dict[str, Decision]:
+    def _causes(self, view: CopterFailsafeInputs) -> dict[str, CopterFailsafeDecision]:
         p = self._p
-        causes: dict[str, Decision] = {}
+        causes: dict[str, CopterFailsafeDecision] = {}
         gcs_action = _GCS_ACTIONS.get(int(p["FS_GCS_ENABLE"]))
         if gcs_action and p["FS_GCS_TIMEOUT"] < view.gcs_age_s < math.inf:
-            causes["gcs"] = Decision(WARNING, "GCS Failsafe", gcs_action)
+            causes["gcs"] = CopterFailsafeDecision(WARNING, "GCS Failsafe", gcs_action)
             if not view.automatic and int(p["FS_OPTIONS"]) & _CONTINUE_WITHOUT_GCS:
                 text = "GCS Failsafe - Continuing Pilot Control"
-                causes["gcs"] = Decision(WARNING, text, None)
+                causes["gcs"] = CopterFailsafeDecision(WARNING, text, None)
         charge = view.charge
         for level, word in (("CRT", "critical"), ("LOW", "low")):
             if self._is_low(charge, level):
@@ -83,14 +83,14 @@ class Failsafes:
                     f"Battery 1 is {word} {charge.voltage_v:.2f}V "
                     f"used {charge.consumed_mah:.0f} mAh"
                 )
-                causes[f"battery {word}"] = Decision(CRITICAL, text, mode)
+                causes[f"battery {word}"] = CopterFailsafeDecision(CRITICAL, text, mode)
         if view.broken_fences:
             mode = _FENCE_ACTIONS.get(int(p["FENCE_ACTION"]))
             text = f"{' and '.join(view.broken_fences)} fence breached"
-            causes["fence"] = Decision(WARNING, text, mode)
+            causes["fence"] = CopterFailsafeDecision(WARNING, text, mode)
         return causes
 
-    def _is_low(self, charge: Charge, level: str) -> bool:
+    def _is_low(self, charge: BatteryCharge, level: str) -> bool:
         volts, reserve_mah = self._p[f"BATT_{level}_VOLT"], self._p[f"BATT_{level}_MAH"]
         left_mah = charge.remaining * self._p["BATT_CAPACITY"]
         return charge.voltage_v < volts or left_mah < reserve_mah

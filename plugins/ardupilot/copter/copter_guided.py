@@ -8,9 +8,19 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from wil_campaign.plugins.ardupilot.copter import guided_setpoints
 from wil_campaign.plugins.ardupilot.copter.copter_core import CopterCore
 from wil_campaign.plugins.ardupilot.copter.copter_modes import CopterMode
-from wil_campaign.vehicles.embedded.autopilot.flight.guidance import Behaviour, TakeOff, Wanted
-from wil_campaign.vehicles.embedded.autopilot.flight.mission_flight import FlyMission, place_of
-from wil_campaign.vehicles.embedded.autopilot.flight.mission_items import Item, item_fault
+from wil_campaign.vehicles.embedded.autopilot.flight.guidance import (
+    GuidanceBehaviour,
+    TakeOffBehaviour,
+    WantedMotion,
+)
+from wil_campaign.vehicles.embedded.autopilot.flight.mission_flight import (
+    FlyMission,
+    mission_item_position,
+)
+from wil_campaign.vehicles.embedded.autopilot.flight.mission_items import (
+    EmulatedMissionItem,
+    mission_item_fault,
+)
 from wil_campaign.vehicles.embedded.autopilot.flight.places import is_altitude
 from wil_campaign.vehicles.embedded.autopilot.flight.setpoint_targets import (
     global_setpoint,
@@ -22,7 +32,7 @@ from wil_campaign.vehicles.embedded.autopilot.services.command_registry import (
     DENIED,
     FAILED,
     UNSUPPORTED,
-    Command,
+    ReceivedCommand,
     on_command,
     on_message,
 )
@@ -32,7 +42,7 @@ _ROI_NEAR_M = 0.5
 """The heading ignores a region of interest that is nearer than this."""
 
 
-class Guided:
+class CopterGuided:
     """ArduCopter's GUIDED, and what a client changes in AUTO: pauses and regions of interest."""
 
     def __init__(self, copter: CopterCore) -> None:
@@ -40,7 +50,7 @@ class Guided:
         self._state = copter.state
         self._flight = copter.flight
         self._manoeuvres = copter.manoeuvres
-        self.paused: Behaviour | None = None
+        self.paused: GuidanceBehaviour | None = None
         """The behaviour to resume after a pause."""
         self._roi: tuple[float, float] | None = None
         """A region of interest, m north and east."""
@@ -53,7 +63,7 @@ class Guided:
         """End a pause and a region of interest: a mode is entered."""
         self.paused = self._roi = None
 
-    def _fly_guided(self, behaviour: Behaviour) -> None:
+    def _fly_guided(self, behaviour: GuidanceBehaviour) -> None:
         """Fly a behaviour of GUIDED; during a pause, after it."""
         if self.paused is None:
             self._flight.fly(behaviour)
@@ -65,17 +75,17 @@ class Guided:
     @on_message("SET_POSITION_TARGET_LOCAL_NED")
     def _on_local_setpoint(self, message: Any) -> None:
         if self._is_on:
-            flies = guided_setpoints.flies_local(message)
+            flies = guided_setpoints.is_flown_local_setpoint(message)
             self._receive_setpoint(local_setpoint(message, self._state.now) if flies else None)
 
     @on_message("SET_POSITION_TARGET_GLOBAL_INT")
     def _on_global_setpoint(self, message: Any) -> None:
         if self._is_on:
-            state, flies = self._state, guided_setpoints.flies_global(message)
+            state, flies = self._state, guided_setpoints.is_flown_global_setpoint(message)
             place = global_setpoint(message, state.frame, state.home_down_m) if flies else None
             self._receive_setpoint(place)
 
-    def _receive_setpoint(self, wanted: Wanted | None) -> None:
+    def _receive_setpoint(self, wanted: WantedMotion | None) -> None:
         """Fly a setpoint in the air; None stops ArduCopter."""
         flight = self._flight
         if not flight.armed or flight.landed or self._copter.taking_off:
@@ -98,7 +108,7 @@ class Guided:
     # Places.
 
     @on_command(mavlink.MAV_CMD_NAV_TAKEOFF)
-    def _take_off(self, command: Command) -> int:
+    def _take_off(self, command: ReceivedCommand) -> int:
         flight = self._flight
         if not self._is_on or not flight.armed or not flight.landed:
             return FAILED
@@ -111,7 +121,7 @@ class Guided:
         return ACCEPTED
 
     @on_command(mavlink.MAV_CMD_DO_REPOSITION)
-    def _reposition(self, command: Command) -> int:
+    def _reposition(self, command: ReceivedCommand) -> int:
         if command.frame is None:
             return UNSUPPORTED
         change_mode = command.whole(1) & mavlink.MAV_DO_REPOSITION_FLAGS_CHANGE_MODE
@@ -125,15 +135,17 @@ class Guided:
         self._fly_to(self._copter.place_of(command))
         return ACCEPTED
 
-    def go_to_item(self, item: Item) -> int:
+    def go_to_item(self, item: EmulatedMissionItem) -> int:
         """Fly ArduCopter to a guided item, in GUIDED and in the air."""
         rules = self._copter.firmware.item_rules
-        placed = item_fault(mission_service.MISSION, item, rules) == mission_service.ACCEPTED
+        placed = (
+            mission_item_fault(mission_service.MISSION, item, rules) == mission_service.ACCEPTED
+        )
         if not placed or item.command != mavlink.MAV_CMD_NAV_WAYPOINT:
             return int(mavlink.MAV_MISSION_INVALID)
         if not self._is_on:
             return int(mavlink.MAV_MISSION_ERROR)
-        self._fly_to(place_of(item, self._state))
+        self._fly_to(mission_item_position(item, self._state))
         return mission_service.ACCEPTED
 
     def _fly_to(self, position_ned_m: Vec3) -> None:
@@ -146,7 +158,7 @@ class Guided:
     # Headings.
 
     @on_command(mavlink.MAV_CMD_CONDITION_YAW)
-    def _turn(self, command: Command) -> int:
+    def _turn(self, command: ReceivedCommand) -> int:
         """Turn ArduCopter to a heading (param1, degrees), relative when param4 is 1."""
         angle_deg, _, direction, relative = command.params
         if not self._is_on or not math.isfinite(angle_deg):
@@ -163,7 +175,7 @@ class Guided:
     def _face(self, yaw_rad: float) -> None:
         """Turn the flown behaviour to a heading; a takeoff keeps its own until its end."""
         behaviour = self._flight.behaviour
-        if isinstance(behaviour, TakeOff) and behaviour.done:
+        if isinstance(behaviour, TakeOffBehaviour) and behaviour.done:
             behaviour = self._manoeuvres.go_to(behaviour.goal_ned_m, radius_m=0.3)
             self._flight.fly(behaviour)
         for each in (behaviour, self.paused):
@@ -190,7 +202,7 @@ class Guided:
     # Pauses.
 
     @on_command(mavlink.MAV_CMD_DO_PAUSE_CONTINUE)
-    def _pause_continue(self, command: Command) -> int:
+    def _pause_continue(self, command: ReceivedCommand) -> int:
         """Pause in AUTO on the way to a waypoint, or in GUIDED (param1 0); continue (1)."""
         if command.params[0] == 0.0:
             return self._pause()

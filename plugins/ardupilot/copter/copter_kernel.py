@@ -8,23 +8,23 @@ import math
 
 from wil_campaign.vehicles.embedded.control.kernels import (
     GRAVITY_M_S2,
-    allocate,
+    allocate_motor_thrusts,
     clamp,
-    filter_share,
-    from_euler,
-    multiply,
+    low_pass_share,
+    quaternion_from_euler,
+    quaternion_product,
     root_gain,
     shape_horizontal,
     shape_vertical,
-    wrap,
+    wrap_angle,
 )
 from wil_campaign.vehicles.embedded.physics.motion_kernel import (
     FINITE,
     FLOWN,
     WRECKED,
-    read_and_estimate,
+    read_and_estimate_motion,
 )
-from wil_campaign.worlds.jit import F64, Float, Int, compiled
+from wil_campaign.worlds.jit import F64, Float, Int, jit_compiled
 
 GAINS = (
     "PSC_NE_POS_P",
@@ -78,8 +78,8 @@ HUNDREDTHS = ("WPNAV_ACCEL", "WPNAV_ACCEL_Z", *_ANGLES)
 # 37 whether anything was flown.
 
 
-@compiled
-def step(law: F64, m: F64, outer: int) -> Int:
+@jit_compiled
+def step_copter_law(law: F64, m: F64, outer: int) -> Int:
     """Advance ArduCopter's law by a step; its position part by `outer` steps, not at all for 0."""
     s, g, body, t, out = law[0:48], law[48:84], law[84:94], law[94:106], law[106:110]
     dt = law[110]
@@ -94,17 +94,17 @@ def step(law: F64, m: F64, outer: int) -> Int:
     return 0
 
 
-@compiled
-def advance(body: F64, late: F64, number: int, outer: int) -> Int:
-    """Set a body's true motion and estimate, as `read_and_estimate`; then run the law, if any."""
-    bits = read_and_estimate(body, late, number, outer)
+@jit_compiled
+def advance_copter_body(body: F64, late: F64, number: int, outer: int) -> Int:
+    """Set a body's motion and estimate as `read_and_estimate_motion`; then run the law, if any."""
+    bits = read_and_estimate_motion(body, late, number, outer)
     if outer >= 0 and bits & (FINITE | WRECKED) == FINITE:
-        step(body[57:168], body[42:57], outer)
+        step_copter_law(body[57:168], body[42:57], outer)
         bits |= FLOWN
     return bits
 
 
-@compiled
+@jit_compiled
 def _position(s: F64, g: F64, m: F64, t: F64, dt: float) -> Int:
     """Advance the trajectory and set the acceleration setpoint from its errors.
 
@@ -125,7 +125,7 @@ def _position(s: F64, g: F64, m: F64, t: F64, dt: float) -> Int:
     vn, ve = s[3] + dn * factor, s[4] + de * factor
     vd = s[5] + dd * root_gain(abs(dd), g[1], g[12])
     # Velocity to acceleration.
-    share, share_d = filter_share(g[5], dt), filter_share(g[6], dt)
+    share, share_d = low_pass_share(g[5], dt), low_pass_share(g[6], dt)
     en, ee = vn - m[3], ve - m[4]
     old_n, old_e = s[12], s[13]
     s[12] += share * (en - s[12])
@@ -147,7 +147,7 @@ def _position(s: F64, g: F64, m: F64, t: F64, dt: float) -> Int:
     return 0
 
 
-@compiled
+@jit_compiled
 def _shape_angle(error: Float, rate: Float, g: F64, most: Float, dt: Float) -> Float:
     """Return the next rate of an attitude target that turns by `error` (ATC_INPUT_TC)."""
     gain = 1.0 / max(g[19], 0.01)
@@ -155,17 +155,17 @@ def _shape_angle(error: Float, rate: Float, g: F64, most: Float, dt: Float) -> F
     return rate + clamp(wanted - rate, most * dt)
 
 
-@compiled
+@jit_compiled
 def _attitude(s: F64, g: F64, body: F64, m: F64, t: F64, dt: float, out: F64) -> Int:
     """Set the motors' thrusts from the acceleration setpoint and the heading."""
     # Heading: an angle is approached no faster than ATC_SLEW_YAW; a rate moves the target.
     turn = t[7] * dt
     if t[6] == t[6]:
-        turn = wrap(t[6] - s[9])
-    s[9] = wrap(s[9] + clamp(turn, g[23] * dt))
-    yaw_rate = _shape_angle(wrap(s[9] - s[23]), s[26], g, g[22], dt)
+        turn = wrap_angle(t[6] - s[9])
+    s[9] = wrap_angle(s[9] + clamp(turn, g[23] * dt))
+    yaw_rate = _shape_angle(wrap_angle(s[9] - s[23]), s[26], g, g[22], dt)
     s[26] = clamp(yaw_rate, g[23])
-    s[23] = wrap(s[23] + s[26] * dt)
+    s[23] = wrap_angle(s[23] + s[26] * dt)
     cos, sin = math.cos(m[8]), math.sin(m[8])
     forward, right = s[16] * cos + s[17] * sin, s[17] * cos - s[16] * sin
     pitch = -math.atan(forward / GRAVITY_M_S2)
@@ -175,34 +175,34 @@ def _attitude(s: F64, g: F64, body: F64, m: F64, t: F64, dt: float, out: F64) ->
     s[21] += s[24] * dt
     s[22] += s[25] * dt
     # Vertical acceleration, from the measured specific force.
-    q = from_euler(m[6], m[7], m[8])
+    q = quaternion_from_euler(m[6], m[7], m[8])
     w, x, y, z = q
     zx, zy, zz = 2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)
     measured = zx * m[12] + zy * m[13] + zz * m[14] + GRAVITY_M_S2
     error = s[18] - measured
-    s[20] += filter_share(g[10], dt) * (error - s[20])
+    s[20] += low_pass_share(g[10], dt) * (error - s[20])
     hover = g[35] / GRAVITY_M_S2
     s[19] = clamp(s[19] + g[9] * s[20] * dt, 1.0)
     up = GRAVITY_M_S2 - (g[8] * s[20] + s[19]) / hover
     thrust = body[0] * max(up, 0.0) / max(zz, 0.5)
     # Attitude error to rates, with the target's rates as feed-forward.
-    e = multiply((w, -x, -y, -z), from_euler(s[21], s[22], s[23]))
+    e = quaternion_product((w, -x, -y, -z), quaternion_from_euler(s[21], s[22], s[23]))
     sign = 2.0 if e[0] >= 0.0 else -2.0
     ep = sign * e[1] * root_gain(abs(sign * e[1]), g[16], 0.5 * g[20]) + s[24] - m[9]
     eq = sign * e[2] * root_gain(abs(sign * e[2]), g[17], 0.5 * g[21]) + s[25] - m[10]
     er = sign * e[3] * root_gain(abs(sign * e[3]), g[18], 0.5 * g[22]) + s[26] - m[11]
-    share = filter_share(g[34], dt)
+    share = low_pass_share(g[34], dt)
     for i in range(3):
         s[33 + i] += share * ((m[9 + i] - s[30 + i]) / dt - s[33 + i])
         s[30 + i] = m[9 + i]
-    s[36] += filter_share(g[33], dt) * (er - s[36])
+    s[36] += low_pass_share(g[33], dt) * (er - s[36])
     s[27] = clamp(s[27] + g[27] * ep * dt, 0.5)
     s[28] = clamp(s[28] + g[28] * eq * dt, 0.5)
     s[29] = clamp(s[29] + g[29] * s[36] * dt, 0.5)
     roll_u = g[24] * ep + s[27] - g[30] * s[33]
     pitch_u = g[25] * eq + s[28] - g[31] * s[34]
     yaw_u = g[26] * s[36] + s[29] - g[32] * s[35]
-    allocate(
+    allocate_motor_thrusts(
         body,
         thrust,
         body[1] * body[7] * roll_u,

@@ -7,7 +7,10 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from wil_campaign.plugins.ardupilot.copter import copter_boot as boot
 from wil_campaign.plugins.ardupilot.simulated_truth import ArduPilotProjection
 from wil_campaign.vehicles.embedded.autopilot.flight import telemetry
-from wil_campaign.vehicles.embedded.autopilot.flight.autopilot_state import Identity, State
+from wil_campaign.vehicles.embedded.autopilot.flight.autopilot_state import (
+    AutopilotState,
+    EmulatedIdentity,
+)
 from wil_campaign.worlds.frames import quat_from_euler
 
 _CAPABILITIES = 64495
@@ -16,7 +19,7 @@ _COMMIT = b"90700977"
 _SITL_UID2 = b"3d1219c7c4c5404aa"
 
 
-def autopilot_version(identity: Identity) -> Any:
+def autopilot_version(identity: EmulatedIdentity) -> Any:
     """Return ArduCopter's AUTOPILOT_VERSION; SITL has no uid, uid2 is the machine's."""
     uid2 = _SITL_UID2 if identity.uid2 is None else identity.uid2
     return mavlink.MAVLink_autopilot_version_message(
@@ -35,40 +38,40 @@ def autopilot_version(identity: Identity) -> Any:
     )
 
 
-def sys_status(s: State, *, prearm: bool) -> Any:
+def sys_status(s: AutopilotState, *, prearm: bool) -> Any:
     """Return ArduCopter's SYS_STATUS telemetry."""
     report = telemetry.LoadReport(0, round(s.charge.current_a * 100.0), 0)
-    return telemetry.sys_status(s, boot.sensors(s.clock_s), report, prearm=prearm)
+    return telemetry.sys_status(s, boot.boot_sensor_masks(s.clock_s), report, prearm=prearm)
 
 
-def ekf_status_report(s: State) -> Any:
+def ekf_status_report(s: AutopilotState) -> Any:
     """Return ArduCopter's EKF_STATUS_REPORT telemetry."""
     return mavlink.MAVLink_ekf_status_report_message(
-        boot.ekf_flags(s.clock_s), 0.01, 0.003, 0.001, 0.005, 0.0, 0.0
+        boot.boot_ekf_flags(s.clock_s), 0.01, 0.003, 0.001, 0.005, 0.0, 0.0
     )
 
 
-def gps_raw_int(s: State) -> Any:
+def gps_raw_int(s: AutopilotState) -> Any:
     """Return ArduCopter's GPS_RAW_INT: no fix for 10 s, then an RTK fix as in SITL."""
-    fix, satellites = boot.gps(s.clock_s)
+    fix, satellites = boot.boot_gps_fix(s.clock_s)
     if fix == 0:
         return mavlink.MAVLink_gps_raw_int_message(0, 0, 0, 0, 0, 65535, 65535, 0, 0, 0)
-    return telemetry.gps_raw_int(s, telemetry.Fix(fix, satellites, 121, 200, (300, 300)))
+    return telemetry.gps_raw_int(s, telemetry.TelemetryFix(fix, satellites, 121, 200, (300, 300)))
 
 
-def local_position_ned(s: State) -> Any | None:
+def local_position_ned(s: AutopilotState) -> Any | None:
     """Return ArduCopter's LOCAL_POSITION_NED; None before the estimator uses GPS."""
     return telemetry.local_position_ned(s) if s.clock_s >= boot.POSITION_S else None
 
 
-def global_position_int(s: State) -> Any:
+def global_position_int(s: AutopilotState) -> Any:
     """Return ArduCopter's GLOBAL_POSITION_INT: zeros before home is set."""
     if s.clock_s < boot.HOME_SET_S:
         return mavlink.MAVLink_global_position_int_message(s.boot_ms, 0, 0, 0, 0, 0, 0, 0, 0)
     return telemetry.global_position_int(s)
 
 
-def sim_state(s: State) -> Any:
+def sim_state(s: AutopilotState) -> Any:
     """Return ArduCopter's SIM_STATE, as SIM::sim_state_send fills it.
 
     Its Location holds whole 1e-7 degrees and centimetres.
@@ -94,7 +97,7 @@ def sim_state(s: State) -> Any:
     )
 
 
-def timesync(s: State) -> Any:
+def timesync(s: AutopilotState) -> Any:
     """Return ArduCopter's TIMESYNC request; it sends one each 10 s."""
     return mavlink.MAVLink_timesync_message(0, s.boot_us * 1000 + 1)
 

@@ -6,8 +6,8 @@ libraries/AP_Logger/LogStructure.h of ArduPilot.
 import math
 import struct
 
-from wil_campaign.vehicles.embedded.autopilot.flight.parameter_table import Parameters
-from wil_campaign.vehicles.embedded.physics.states import Motion
+from wil_campaign.vehicles.embedded.autopilot.flight.parameter_table import ParameterTable
+from wil_campaign.vehicles.embedded.physics.states import BodyMotion
 
 
 class DataFlash:
@@ -21,7 +21,7 @@ class DataFlash:
         (131, "XKF1", "Qfffffff", ("TimeUS", "PN", "PE", "PD", "VN", "VE", "VD", "Yaw"), "Q7f"),
     )
 
-    def __init__(self, t_us: int, parameters: Parameters) -> None:
+    def __init__(self, t_us: int, parameters: ParameterTable) -> None:
         self._layouts = {name: (number, struct.Struct("<" + packed))
                          for number, name, _, _, packed in self._FORMATS}  # fmt: skip
         self._data = bytearray()
@@ -36,7 +36,7 @@ class DataFlash:
         """Add a text to the DataFlash log."""
         self._add("MSG", t_us, text.encode()[:64])
 
-    def position(self, t_us: int, now: Motion) -> None:
+    def position(self, t_us: int, now: BodyMotion) -> None:
         """Add the estimate to the DataFlash log."""
         yaw = math.degrees(now.euler_rad[2]) % 360.0  # as ArduPilot logs it
         self._add("XKF1", t_us, *now.position_ned_m, *now.velocity_ned_m_s, yaw)

@@ -32,7 +32,7 @@ _GLOBAL_FRAMES = {
 }
 
 
-def flies_local(message: Any) -> bool:
+def is_flown_local_setpoint(message: Any) -> bool:
     """Return whether ArduCopter flies a SET_POSITION_TARGET_LOCAL_NED, or stops.
 
     Of a vector with an ignored axis the whole vector is ignored, in the message's mask too.
@@ -42,10 +42,10 @@ def flies_local(message: Any) -> bool:
     return message.coordinate_frame in _LOCAL_FRAMES and _flies(message, place)
 
 
-def flies_global(message: Any) -> bool:
+def is_flown_global_setpoint(message: Any) -> bool:
     """Return whether ArduCopter flies a SET_POSITION_TARGET_GLOBAL_INT, or stops.
 
-    As `flies_local`; above terrain it flies no position with a velocity.
+    As `is_flown_local_setpoint`; above terrain it flies no position with a velocity.
     """
     _ignore_incomplete(message)
     frame, mask = message.coordinate_frame, message.type_mask

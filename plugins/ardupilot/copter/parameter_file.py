@@ -9,7 +9,7 @@ import struct
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from wil_campaign.vehicles.embedded.autopilot.flight.parameter_table import Parameters
+from wil_campaign.vehicles.embedded.autopilot.flight.parameter_table import ParameterTable
 
 PATH = "@PARAM/param.pck"
 _MAGIC = 0x671B
@@ -22,7 +22,7 @@ _LAYOUTS = {
 """ArduPilot's type numbers, and the struct formats of values."""
 
 
-def parameter_file(parameters: Parameters) -> bytes:
+def parameter_file(parameters: ParameterTable) -> bytes:
     """Return the parameter file's bytes, in the order of the table."""
     out = bytearray(struct.pack("<HHH", _MAGIC, len(parameters), len(parameters)))
     before = ""

@@ -3,14 +3,14 @@
 import math
 from collections.abc import Callable
 
-from wil_campaign.vehicles.embedded.autopilot.flight.parameter_table import Parameters
+from wil_campaign.vehicles.embedded.autopilot.flight.parameter_table import ParameterTable
 from wil_campaign.worlds.frames import Vec3
 
 _FULL_M = 60.0
 """SIM_WIND_T_ALT: from this height on the wind has its whole speed."""
 
 
-def simulated_wind(parameters: Parameters, height_m: Callable[[], float]) -> Vec3:
+def simulated_wind(parameters: ParameterTable, height_m: Callable[[], float]) -> Vec3:
     """Return the wind towards north, east and down, m/s; height_m: over the start.
 
     As SITL_State.cpp with SIM_WIND_T 0: below 60 m it grows with the square root of the height.

@@ -11,20 +11,20 @@ from multiprocessing.connection import Listener
 from pathlib import Path
 
 from wil_campaign.campaigns.setup.bench_file import Bench, load_benches
-from wil_campaign.foundation.files.problems import printable
+from wil_campaign.foundation.files.problems import printable_problem
 from wil_campaign.orchestrator.campaign.folder.bench_lock import held_benches
-from wil_campaign.orchestrator.campaign.folder.campaign_folder import TakenError
+from wil_campaign.orchestrator.campaign.folder.campaign_folder import FolderTakenError
 from wil_campaign.orchestrator.campaign.workers.run_engine import EngineError
 from wil_campaign.orchestrator.cli.arming_consent import (
-    RefusedError,
+    FlightRefusedError,
     ask_to_arm,
-    find_vehicles,
+    find_vehicles_to_arm,
     has_terminal,
     require_may_arm,
     user_name,
 )
 from wil_campaign.orchestrator.cli.commands.validate import bench_summary
-from wil_campaign.orchestrator.cli.standard_streams import err, out
+from wil_campaign.orchestrator.cli.standard_streams import write_stderr, write_stdout
 from wil_campaign.plugins.cluster.bench.bench_node import bench_node
 from wil_campaign.plugins.cluster.bench.bench_server import BenchServer
 from wil_campaign.plugins.cluster.node_messages import ConsentAnswer, ConsentAsked
@@ -37,16 +37,16 @@ def consent_at_bench(bench: Bench, request: ConsentAsked) -> ConsentAnswer:
 
     The vehicle is identified first. Input that was typed before the question is discarded.
     """
-    what = printable(f"campaign '{request.campaign}' of {request.place}")
+    what = printable_problem(f"campaign '{request.campaign}' of {request.place}")
     try:
         if request.arm:
             require_may_arm((bench,), user_name())
-        found = find_vehicles((bench.vehicle,))
+        found = find_vehicles_to_arm((bench.vehicle,))
         if request.arm:
             termios.tcflush(sys.stdin, termios.TCIFLUSH)
             ask_to_arm(what, request.runs, found)
-    except RefusedError as error:
-        err(f"{what}: {error}")
+    except FlightRefusedError as error:
+        write_stderr(f"{what}: {error}")
         return ConsentAnswer(f"bench {bench.name}: {error}", error.code)
     is_hardware = not all(vehicle.identity.simulation for vehicle in found)
     return ConsentAnswer(
@@ -66,10 +66,10 @@ def check(*files: Path) -> int:
         Bench files.
     """
     if not files:
-        err("bench check needs at least one file")
+        write_stderr("bench check needs at least one file")
         return 2
     for bench in load_benches(files):
-        out(f"{bench.document.name}: {bench_summary(bench)}")
+        write_stdout(f"{bench.document.name}: {bench_summary(bench)}")
     return 0
 
 
@@ -88,20 +88,24 @@ def serve(file: Path, *, engine: str) -> int:
     """
     (bench,) = load_benches((file,))
     if not has_terminal():
-        err("bench serve needs a terminal: consent to arm is given there, by a person at the bench")
+        write_stderr(
+            "bench serve needs a terminal: consent to arm is given there, by a person at the bench"
+        )
         return 2
     try:
         address = engine_address(engine)
         if address is None:
-            err("--engine ray: a bench joins a running cluster; give --engine ray://HOST:PORT")
+            write_stderr(
+                "--engine ray: a bench joins a running cluster; give --engine ray://HOST:PORT"
+            )
             return 2
         with held_benches((bench,)):
             return _serve_bench(bench, address)
-    except TakenError as error:
-        err(error)
+    except FolderTakenError as error:
+        write_stderr(error)
         return 3
     except EngineError as error:
-        err(error)
+        write_stderr(error)
         return error.code
     except KeyboardInterrupt:
         return 0  # vehicles that flew have landed
@@ -109,7 +113,9 @@ def serve(file: Path, *, engine: str) -> int:
 
 def _serve_bench(bench: Bench, address: str) -> int:
     """Serve a bench until its node of the cluster has ended. Raises EngineError."""
-    server = BenchServer(bench, consent=lambda request: consent_at_bench(bench, request), say=err)
+    server = BenchServer(
+        bench, consent=lambda request: consent_at_bench(bench, request), say=write_stderr
+    )
     with tempfile.TemporaryDirectory(prefix="bench-", dir=open_runtime_folder().path) as folder:
         socket = Path(folder) / "server"
         with (
@@ -122,7 +128,9 @@ def _serve_bench(bench: Bench, address: str) -> int:
                 server.stop(str(socket))
 
             threading.Thread(target=stop_with_node, daemon=True).start()
-            err(f"{bench_summary(bench)}, serves {address}; Ctrl-C ends it")
+            write_stderr(f"{bench_summary(bench)}, serves {address}; Ctrl-C ends it")
             server.serve(listener)
-    err(f"bench {bench.name}: the connection to {address} is lost; start `bench serve` again")
+    write_stderr(
+        f"bench {bench.name}: the connection to {address} is lost; start `bench serve` again"
+    )
     return 3

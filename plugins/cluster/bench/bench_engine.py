@@ -17,14 +17,14 @@ from typing import Any
 
 from wil_campaign.campaigns.schema.bench import BenchRequestPart
 from wil_campaign.campaigns.setup.bench_file import Bench, read_bench
-from wil_campaign.foundation.files.documents import Document, parse
+from wil_campaign.foundation.files.documents import Document, parse_document
 from wil_campaign.orchestrator.campaign.workers.run_engine import EngineError
 from wil_campaign.plugins.cluster.bench.bench_messages import FILE, SOCKET_VARIABLE, TEXT
 from wil_campaign.plugins.cluster.bench.bench_resources import (
     announced_benches,
+    bench_resource_name,
     chosen_bench,
     missing_bench,
-    resource_of,
 )
 from wil_campaign.plugins.cluster.node_agent import PipeAgent
 from wil_campaign.plugins.cluster.node_messages import ConsentAnswer, ConsentAsked
@@ -82,7 +82,7 @@ def bench_of_cluster(
     """
     with running_ray(address) as ray:
         due_s = time.monotonic() + request.wait_s
-        name = await_bench(ray, file, request, say)
+        name = await_bench_of_cluster(ray, file, request, say)
         hired = hire_bench(ray, name, max(0.0, due_s - time.monotonic()))
         try:
             yield hired
@@ -91,7 +91,7 @@ def bench_of_cluster(
                 hired.agent.kill()
 
 
-def await_bench(
+def await_bench_of_cluster(
     ray: Any, file: Document, request: BenchRequestPart, say: Callable[[str], None]
 ) -> str:
     """Return the name of the requested bench, once the cluster has it. Raises BadInput."""
@@ -118,7 +118,7 @@ def hire_bench(ray: Any, name: str, wait_s: float) -> HiredBench:
     """
     remote = ray.remote(
         num_cpus=0,
-        resources={resource_of(name): 1},
+        resources={bench_resource_name(name): 1},
         max_restarts=0,
         max_task_retries=0,
         max_concurrency=8,
@@ -150,4 +150,4 @@ def hire_bench(ray: Any, name: str, wait_s: float) -> HiredBench:
 def _bench_of(facts: dict[str, str]) -> Bench:
     """Return the bench in a node's facts. Raises BadInput with places in the bench's file."""
     name = f"{facts['node']}:{facts[FILE]}"
-    return read_bench(parse(facts[TEXT].encode(), name=name, path=Path(facts[FILE])))
+    return read_bench(parse_document(facts[TEXT].encode(), name=name, path=Path(facts[FILE])))

@@ -21,7 +21,7 @@ from wil_campaign.campaigns.setup.bench_file import BenchFacts
 from wil_campaign.foundation.processes.linux import die_with_parent
 from wil_campaign.orchestrator.campaign.workers.run_engine import EngineError
 from wil_campaign.plugins.cluster.bench.bench_messages import SOCKET_VARIABLE
-from wil_campaign.plugins.cluster.bench.bench_resources import resources_of
+from wil_campaign.plugins.cluster.bench.bench_resources import announced_resources
 
 _JOIN_S = 90.0
 _POLL_S = 0.5
@@ -50,7 +50,7 @@ def bench_node(
                     "--block",
                 ),
                 *(f"--address={address}", "--num-cpus=0", "--num-gpus=0", *_own_address(address)),
-                f"--resources={json.dumps(resources_of(facts))}",
+                f"--resources={json.dumps(announced_resources(facts))}",
                 "--disable-usage-stats",
             ],
             stdin=subprocess.DEVNULL,

@@ -13,7 +13,7 @@ from urllib.parse import quote, unquote
 
 from wil_campaign.campaigns.schema.bench import BenchRequestPart, PropertyValue
 from wil_campaign.campaigns.setup.bench_file import BenchFacts
-from wil_campaign.campaigns.setup.bench_resolution import fitting_benches, no_bench
+from wil_campaign.campaigns.setup.bench_resolution import fitting_benches, no_bench_text
 from wil_campaign.foundation.files.documents import BadInput, Document
 
 _BENCH, _PROPERTY = "bench:", "bench_property:"
@@ -27,16 +27,16 @@ class AnnouncedBench:
     node: str
 
 
-def resource_of(name: str) -> str:
+def bench_resource_name(name: str) -> str:
     """Return the name of a bench's resource."""
     return f"{_BENCH}{name}"
 
 
-def resources_of(facts: BenchFacts) -> dict[str, float]:
+def announced_resources(facts: BenchFacts) -> dict[str, float]:
     """Return the resources by which a node announces its bench."""
     properties = (quote(json.dumps(pair), safe="") for pair in sorted(facts.properties.items()))
     return {
-        resource_of(facts.name): 1.0,
+        bench_resource_name(facts.name): 1.0,
         **{f"{_PROPERTY}{facts.name}:{text}": 1.0 for text in properties},
     }
 
@@ -80,6 +80,6 @@ def missing_bench(
     file: Document, request: BenchRequestPart, there: Sequence[AnnouncedBench]
 ) -> BadInput:
     """Return the error of a campaign whose bench has not appeared within its `wait_s`."""
-    problem = no_bench(file, request, [bench.facts for bench in there])
+    problem = no_bench_text(file, request, [bench.facts for bench in there])
     text = f"{problem.message}, after {request.wait_s:g} s (bench.wait_s)"
     return BadInput([file.problem(("bench",), text, problem.suggestion, key=True)])

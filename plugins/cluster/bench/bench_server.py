@@ -16,7 +16,7 @@ from contextlib import suppress
 from multiprocessing.connection import Client, Connection, Listener
 
 from wil_campaign.campaigns.setup.bench_file import Bench
-from wil_campaign.campaigns.setup.bench_resolution import departure
+from wil_campaign.campaigns.setup.bench_resolution import bench_departure
 from wil_campaign.orchestrator.campaign.workers.run_engine import EngineError
 from wil_campaign.orchestrator.campaign.workers.run_workers import WorkerLost
 from wil_campaign.plugins.cluster.bench.bench_messages import FILE, TEXT
@@ -66,7 +66,7 @@ class BenchGate:
             self._flown += 1
             if self._flown > consented.runs:
                 return f"bench {self._bench.name} has consent for {consented.runs} runs, not more"
-        return departure(order.plan.files.campaign, self._bench)
+        return bench_departure(order.plan.files.campaign, self._bench)
 
 
 _POLL_S = 1.0

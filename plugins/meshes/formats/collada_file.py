@@ -16,10 +16,10 @@ from wil_campaign.plugins.meshes.formats.collada_materials import ColladaMateria
 from wil_campaign.plugins.meshes.looks import NO_LOOK, FilePart
 from wil_campaign.plugins.meshes.mesh_polygons import (
     Integers,
-    Polygons,
+    MeshPolygons,
     check_polygons,
-    fans,
-    numbers,
+    numbers_in_text,
+    polygon_fans,
 )
 from wil_campaign.plugins.meshes.mesh_support import UnsupportedMeshError
 from wil_campaign.worlds.scene.meshes import FloatArray
@@ -91,7 +91,7 @@ def read_collada(path: Path, root: ET.Element) -> list[FilePart]:
     Raises UnsupportedMeshError for what would be left out or misread, by its node; ValueError and
     others for a damaged file.
     """
-    check_assets(root)
+    check_collada_assets(root)
     collada = _Collada(
         root,
         _by_id(root.iterfind(".//{*}node")),
@@ -106,7 +106,7 @@ def read_collada(path: Path, root: ET.Element) -> list[FilePart]:
     ]
 
 
-def check_assets(root: ET.Element) -> None:
+def check_collada_assets(root: ET.Element) -> None:
     """Raise UnsupportedMeshError for parts with another unit or axis than the document."""
     whole = root.find("{*}asset")
     for element in root.iter():
@@ -155,7 +155,7 @@ def _inner(reference: str, what: str) -> str:
     return reference[1:]
 
 
-def scene_of(root: ET.Element) -> ET.Element:
+def visual_scene_of(root: ET.Element) -> ET.Element:
     """Return the visual scene that a document shows."""
     instance = root.find("{*}scene/{*}instance_visual_scene")
     if instance is None:
@@ -170,7 +170,7 @@ def scene_of(root: ET.Element) -> ET.Element:
 def _placed_nodes(collada: _Collada) -> Iterator[tuple[ET.Element, FloatArray]]:
     """Yield each node of the scene, those of instances too, with its place (4, 4)."""
     above: list[tuple[ET.Element, FloatArray]] = [
-        (node, np.eye(4)) for node in scene_of(collada.root).iterfind("{*}node")
+        (node, np.eye(4)) for node in visual_scene_of(collada.root).iterfind("{*}node")
     ]
     waiting = above[::-1]
     while waiting:
@@ -211,7 +211,7 @@ def _matrix(node: ET.Element) -> FloatArray:
                 "matrix"
             )
         if kind in _NUMBERS_OF:
-            values = numbers(child.text or "", np.float64)
+            values = numbers_in_text(child.text or "", np.float64)
             if len(values) != _NUMBERS_OF[kind]:
                 raise UnsupportedMeshError(
                     f"{_node_name(node)} has a {kind} of {len(values)} numbers: it is damaged"
@@ -326,7 +326,7 @@ def _table(source: ET.Element, name: str) -> FloatArray:
     array, accessor = source.find("{*}float_array"), source.find(".//{*}accessor")
     if array is None or accessor is None:
         raise UnsupportedMeshError(f"{name} has a source without floating-point numbers")
-    values = numbers(array.text or "", np.float64)
+    values = numbers_in_text(array.text or "", np.float64)
     count, stride = int(accessor.get("count", "0")), int(accessor.get("stride", "1"))
     begin, stated = int(accessor.get("offset", "0")), int(array.get("count", "0"))
     if begin < 0 or count < 0 or stride < 1 or len(values) < stated:
@@ -349,7 +349,7 @@ def _surface(part: ET.Element, inputs: tuple[_Input, ...], name: str) -> _Surfac
             "triangulated faces"
         )
     stride = 1 + max(int(element.get("offset", "0")) for element in part.iterfind("{*}input"))
-    lists = [numbers(element.text or "", np.int64) for element in part.iterfind("{*}p")]
+    lists = [numbers_in_text(element.text or "", np.int64) for element in part.iterfind("{*}p")]
     if any(len(one) % stride for one in lists):
         raise UnsupportedMeshError(f"{name} is cut off: a corner of its {kind} lacks an index")
     rows = np.concatenate([np.empty(0, np.int64), *lists]).reshape(-1, stride)
@@ -358,7 +358,7 @@ def _surface(part: ET.Element, inputs: tuple[_Input, ...], name: str) -> _Surfac
         sizes = np.full(len(rows) // 3, 3, np.int64)
     elif kind == "polylist":
         counts = part.find("{*}vcount")
-        sizes = numbers("" if counts is None else counts.text or "", np.int64)
+        sizes = numbers_in_text("" if counts is None else counts.text or "", np.int64)
     if sizes.sum() != len(rows) or len(sizes) < int(part.get("count", "0")):
         raise UnsupportedMeshError(
             f"{name} is cut off: {len(sizes)} of {part.get('count')} {kind} are there, of "
@@ -373,7 +373,7 @@ def _surface(part: ET.Element, inputs: tuple[_Input, ...], name: str) -> _Surfac
     triangles = _triangles(kind, sizes)
     if kind in ("polylist", "polygons"):
         positions = next(one for one in inputs if one.semantic == "POSITION")
-        check_polygons(Polygons(positions.values, rows[:, positions.offset], sizes))
+        check_polygons(MeshPolygons(positions.values, rows[:, positions.offset], sizes))
     return _Surface(part.get("material", ""), rows, triangles, inputs)
 
 
@@ -381,7 +381,7 @@ def _triangles(kind: str, sizes: Integers) -> Integers:
     """Return the triangles (m, 3), by their corners' rows; polygons of two corners have none."""
     if kind != "tristrips":
         begins, large = np.cumsum(sizes) - sizes, sizes >= len("xyz")
-        triangles = fans(sizes[large])
+        triangles = polygon_fans(sizes[large])
         shift = begins[large] - (np.cumsum(sizes[large]) - sizes[large])
         return np.asarray(triangles + np.repeat(shift, sizes[large] - 2)[:, None])
     strips = [np.empty((0, 3), np.int64)]

@@ -8,8 +8,8 @@ from xml.etree import ElementTree as ET
 import numpy as np
 
 from wil_campaign.plugins.meshes.beside import image_beside
-from wil_campaign.plugins.meshes.looks import PLAIN_RGB, Look, Picture, Wrap
-from wil_campaign.plugins.meshes.mesh_polygons import numbers
+from wil_campaign.plugins.meshes.looks import PLAIN_RGB, LookPicture, SurfaceLook, Wrap
+from wil_campaign.plugins.meshes.mesh_polygons import numbers_in_text
 from wil_campaign.plugins.meshes.mesh_support import UnsupportedMeshError
 
 _SHADERS = ("lambert", "phong", "blinn", "constant")
@@ -26,7 +26,7 @@ class ColladaMaterials:
     materials: Mapping[str, ET.Element]
     effects: Mapping[str, ET.Element]
     images: Mapping[str, ET.Element]
-    _looks: dict[str, tuple[Look, str]] = field(default_factory=dict)
+    _looks: dict[str, tuple[SurfaceLook, str]] = field(default_factory=dict)
 
     @classmethod
     def of(cls, root: ET.Element, folder: Path) -> "ColladaMaterials":
@@ -38,7 +38,9 @@ class ColladaMaterials:
             _by_id(root.iterfind(".//{*}image")),
         )
 
-    def bound(self, symbol: str, instance: ET.Element | None, node: str) -> tuple[Look, str | None]:
+    def bound(
+        self, symbol: str, instance: ET.Element | None, node: str
+    ) -> tuple[SurfaceLook, str | None]:
         """Return the look that a node gives a symbol, and the set of its texture coordinates.
 
         Without a binding the symbol is the material's id, as other programs have it. Raises
@@ -57,7 +59,7 @@ class ColladaMaterials:
                 return look, element.get("input_set", "0")
         return look, None
 
-    def _read(self, ident: str) -> tuple[Look, str]:
+    def _read(self, ident: str) -> tuple[SurfaceLook, str]:
         """Return a material's look, and the semantic of its texture coordinates."""
         material = self.materials[ident]
         name = (material.get("name") or ident)[:60]
@@ -84,17 +86,17 @@ class ColladaMaterials:
 
     def _colored(
         self, name: str, effect: ET.Element, channel: ET.Element | None
-    ) -> tuple[Look, str]:
+    ) -> tuple[SurfaceLook, str]:
         texture = None if channel is None else channel.find("{*}texture")
         if texture is None:
             color = _color(effect, channel)
-            return Look(name, PLAIN_RGB if color is None else color[:3]), ""
-        picture = Picture(
+            return SurfaceLook(name, PLAIN_RGB if color is None else color[:3]), ""
+        picture = LookPicture(
             self._image(name, effect, texture), wraps=_wraps(effect, texture.get("texture", ""))
         )
-        return Look(name, (1.0, 1.0, 1.0), picture), texture.get("texcoord", "")
+        return SurfaceLook(name, (1.0, 1.0, 1.0), picture), texture.get("texcoord", "")
 
-    def _with_alpha(self, look: Look, effect: ET.Element, shader: ET.Element) -> Look:
+    def _with_alpha(self, look: SurfaceLook, effect: ET.Element, shader: ET.Element) -> SurfaceLook:
         """Return a look with its opacity.
 
         A transparency of 0 that leaves nothing to be seen is what exporters write for opaque.
@@ -134,13 +136,13 @@ class ColladaMaterials:
             raise UnsupportedMeshError(
                 f"material '{name}' has the image '{ident[:60]}', which does not exist"
             )
-        written = path_of(image)
+        written = path_of_image(image)
         if not written:
             raise UnsupportedMeshError(f"the image '{ident[:60]}' of material '{name}' has no file")
         return image_beside(self.folder, written, by=f"material '{name}'", is_uri=True)
 
 
-def path_of(image: ET.Element) -> str:
+def path_of_image(image: ET.Element) -> str:
     """Return the file that an image names; "" for none."""
     written = image.findtext("{*}init_from/{*}ref") or image.findtext("{*}init_from") or ""
     return written.strip()
@@ -181,5 +183,5 @@ def _color(
             text = text if value is None else value.text
     if text is None:
         return None
-    red, green, blue, alpha = [*numbers(text, np.float64), 1.0][:4]
+    red, green, blue, alpha = [*numbers_in_text(text, np.float64), 1.0][:4]
     return float(red), float(green), float(blue), float(alpha)

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from wil_campaign.plugins.meshes.beside import file_beside
 from wil_campaign.plugins.meshes.formats.gltf_materials import GltfMaterials
-from wil_campaign.plugins.meshes.looks import NO_LOOK, FilePart, Look
+from wil_campaign.plugins.meshes.looks import NO_LOOK, FilePart, SurfaceLook
 from wil_campaign.plugins.meshes.mesh_support import (
     SURFACE_MODES,
     UnsupportedMeshError,
@@ -182,7 +182,7 @@ def read_gltf(gltf: GltfFile) -> list[FilePart]:
     materials = GltfMaterials(gltf)
     surfaces: dict[int, list[FilePart]] = {}
     found = []
-    for index, matrix in placed_nodes(document):
+    for index, matrix in placed_gltf_nodes(document):
         node = document["nodes"][index]
         check_gltf_node(document, index)
         if "mesh" not in node:
@@ -204,7 +204,7 @@ def _moved(part: FilePart, matrix: FloatArray) -> FilePart:
     )
 
 
-def roots(document: Mapping[str, Any]) -> list[int]:
+def gltf_scene_roots(document: Mapping[str, Any]) -> list[int]:
     """Return the top nodes of a document's scene (3.5.1).
 
     Raises UnsupportedMeshError where the file does not say which scene is meant.
@@ -219,10 +219,10 @@ def roots(document: Mapping[str, Any]) -> list[int]:
     return [int(root) for root in scenes[document.get("scene", 0)].get("nodes", ())]
 
 
-def placed_nodes(document: Mapping[str, Any]) -> Iterator[tuple[int, FloatArray]]:
+def placed_gltf_nodes(document: Mapping[str, Any]) -> Iterator[tuple[int, FloatArray]]:
     """Yield each node of a document's scene with its place (4, 4)."""
     nodes = document.get("nodes", ())
-    waiting = [(root, np.eye(4)) for root in reversed(roots(document))]
+    waiting = [(root, np.eye(4)) for root in reversed(gltf_scene_roots(document))]
     while waiting:
         index, above = waiting.pop()
         here = above @ _matrix(nodes[index])
@@ -299,5 +299,5 @@ def _most(indices: NDArray[Any]) -> int:
     return int(np.iinfo(indices.dtype).max)
 
 
-_WHITE: Look = Look(NO_LOOK.name, (1.0, 1.0, 1.0), is_linear=True)
+_WHITE: SurfaceLook = SurfaceLook(NO_LOOK.name, (1.0, 1.0, 1.0), is_linear=True)
 """Of a primitive without a material (3.7.2.1)."""

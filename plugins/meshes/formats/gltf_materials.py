@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from wil_campaign.plugins.meshes.beside import image_beside
-from wil_campaign.plugins.meshes.looks import Affine, AlphaOf, Look, Picture, Wrap
+from wil_campaign.plugins.meshes.looks import Affine, AlphaOf, LookPicture, SurfaceLook, Wrap
 from wil_campaign.plugins.meshes.mesh_support import (
     UnsupportedMeshError,
     check_gltf_material,
@@ -39,9 +39,9 @@ class GltfMaterials:
     """The materials of a glTF file, each read once."""
 
     gltf: _Source
-    _looks: dict[int, Look] = field(default_factory=dict)
+    _looks: dict[int, SurfaceLook] = field(default_factory=dict)
 
-    def look(self, index: int) -> Look:
+    def look(self, index: int) -> SurfaceLook:
         """Return the look of a material. Raises UnsupportedMeshError for what is not drawn."""
         if index not in self._looks:
             materials = self.gltf.document.get("materials", ())
@@ -51,7 +51,7 @@ class GltfMaterials:
             self._looks[index] = self._read(name, materials[index])
         return self._looks[index]
 
-    def _read(self, name: str, material: Mapping[str, Any]) -> Look:
+    def _read(self, name: str, material: Mapping[str, Any]) -> SurfaceLook:
         check_gltf_material(name, material)
         extensions = material.get("extensions", {})
         metal = material.get("pbrMetallicRoughness", {})
@@ -65,7 +65,7 @@ class GltfMaterials:
         passing = float(extensions.get(_TRANSMISSION, {}).get("transmissionFactor", 0.0))
         if passing > 0.0:
             alpha_of, alpha = "glass", alpha * (1.0 - passing)
-        return Look(
+        return SurfaceLook(
             name=name,
             rgb=(red, green, blue),
             picture=None if texture is None else self._picture(name, texture),
@@ -75,12 +75,12 @@ class GltfMaterials:
             cutoff=float(material.get("alphaCutoff", 0.5)),
         )
 
-    def _picture(self, name: str, info: Mapping[str, Any]) -> Picture:
+    def _picture(self, name: str, info: Mapping[str, Any]) -> LookPicture:
         document = self.gltf.document
         transform = info.get("extensions", {}).get(_TRANSFORM, {})
         texture = document["textures"][info["index"]]
         sampler = document["samplers"][texture["sampler"]] if "sampler" in texture else {}
-        return Picture(
+        return LookPicture(
             source=self._image(name, texture),
             uv_set=int(transform.get("texCoord", info.get("texCoord", 0))),
             affine=_affine(transform),

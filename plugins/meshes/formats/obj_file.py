@@ -12,14 +12,14 @@ import numpy as np
 
 from wil_campaign.foundation.files.lfs import is_lfs_pointer
 from wil_campaign.foundation.files.limits import MAX_MESH_FACES, MAX_MESH_VALUES
-from wil_campaign.plugins.meshes.formats.obj_materials import Materials, libraries_of
+from wil_campaign.plugins.meshes.formats.obj_materials import ObjMaterials, libraries_of
 from wil_campaign.plugins.meshes.looks import FilePart
 from wil_campaign.plugins.meshes.mesh_polygons import (
     Integers,
-    Polygons,
+    MeshPolygons,
     check_polygons,
-    fans,
-    numbers,
+    numbers_in_text,
+    polygon_fans,
 )
 from wil_campaign.plugins.meshes.mesh_support import UnsupportedMeshError
 from wil_campaign.worlds.scene.meshes import FloatArray
@@ -73,7 +73,7 @@ def read_obj(path: Path) -> list[FilePart]:
     if _RELATIVE_FACE.search(text):
         text = _absolute(text)
     values = _values(text)
-    materials = Materials.beside(path, text)
+    materials = ObjMaterials.beside(path, text)
     return [
         _part(name, lines, values, materials) for name, lines in _faces_by_material(text).items()
     ]
@@ -171,7 +171,7 @@ def _table(text: bytes, keyword: bytes) -> FloatArray:
         raise ValueError("a vertex has fewer than three coordinates")
     if len(sizes) > 1:
         rows = [b" ".join(row.split()[:least]) for row in rows]
-    table = numbers(b" ".join(rows), np.float64).reshape(len(rows), least)
+    table = numbers_in_text(b" ".join(rows), np.float64).reshape(len(rows), least)
     missing = max(0, 2 - least)
     return np.pad(table, ((0, 0), (0, missing))) if missing else table
 
@@ -189,7 +189,7 @@ def _faces_by_material(text: bytes) -> dict[str, list[bytes]]:
     return found
 
 
-def _part(name: str, lines: list[bytes], values: _Values, materials: Materials) -> FilePart:
+def _part(name: str, lines: list[bytes], values: _Values, materials: ObjMaterials) -> FilePart:
     sizes = np.array([len(line.split()) for line in lines], np.int64)
     slashes = np.array([line.count(b"/") for line in lines], np.int64)
     if sizes.min() < len("xyz"):
@@ -200,8 +200,8 @@ def _part(name: str, lines: list[bytes], values: _Values, materials: Materials) 
         )
     text = b"\n".join(lines)
     corners = _indices(_BEHIND_SLASH.sub(b"", text), len(values.points), "vertex")
-    check_polygons(Polygons(values.points, corners, sizes))
-    triangles = fans(sizes)
+    check_polygons(MeshPolygons(values.points, corners, sizes))
+    triangles = polygon_fans(sizes)
     look = materials.look(name)
     uv = None
     if look.picture is not None and (slashes > 0).all() and b"//" not in text:
@@ -221,7 +221,7 @@ def _part(name: str, lines: list[bytes], values: _Values, materials: Materials) 
 
 def _indices(text: bytes, count: int, what: str) -> Integers:
     """Return numbers that count from 1 as indices. Raises UnsupportedMeshError for others."""
-    found = numbers(text, np.int64) - 1
+    found = numbers_in_text(text, np.int64) - 1
     outside = found[(found < 0) | (found >= count)]
     if len(outside):
         raise UnsupportedMeshError(

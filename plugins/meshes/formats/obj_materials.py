@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from wil_campaign.plugins.meshes.beside import file_beside, image_beside
-from wil_campaign.plugins.meshes.looks import NO_LOOK, PLAIN_RGB, Look, Picture, Wrap
+from wil_campaign.plugins.meshes.looks import NO_LOOK, PLAIN_RGB, LookPicture, SurfaceLook, Wrap
 from wil_campaign.plugins.meshes.mesh_support import UnsupportedMeshError
 
 _LIBRARY = re.compile(rb"^mtllib +(.+?) *$", re.MULTILINE)
@@ -24,14 +24,14 @@ _Statements = Mapping[str, str]
 
 
 @dataclass(frozen=True, slots=True)
-class Materials:
+class ObjMaterials:
     """The materials that an .obj file may use, by name, with the folder of their library."""
 
     has_library: bool
     by_name: Mapping[str, tuple[Path, _Statements]]
 
     @classmethod
-    def beside(cls, path: Path, text: bytes) -> "Materials":
+    def beside(cls, path: Path, text: bytes) -> "ObjMaterials":
         """Return the materials of all libraries of an .obj file; of equal names the first.
 
         Raises UnsupportedMeshError for a library that is missing.
@@ -43,7 +43,7 @@ class Materials:
                 found.setdefault(name, (library.parent, statements))
         return cls(bool(libraries), found)
 
-    def look(self, name: str) -> Look:
+    def look(self, name: str) -> SurfaceLook:
         """Return the look of a material. Raises UnsupportedMeshError for one that is missing."""
         if not name:
             return NO_LOOK
@@ -83,7 +83,7 @@ def images_of(library: Path) -> Iterator[Path]:
                     yield _file(_picture(name, library.parent, written))
 
 
-def _file(picture: Picture) -> Path:
+def _file(picture: LookPicture) -> Path:
     if not isinstance(picture.source, Path):
         raise TypeError("an image without a file")
     return picture.source
@@ -106,14 +106,14 @@ def _words(line: str) -> tuple[str, str, str]:
     return line.replace("\t", " ").strip().partition(" ")
 
 
-def _look(name: str, folder: Path, statements: _Statements) -> Look:
+def _look(name: str, folder: Path, statements: _Statements) -> SurfaceLook:
     picture = _picture(name, folder, statements["map_kd"]) if "map_kd" in statements else None
     if picture is None and "kd" not in statements and {"map_ka", "map_ke"} & statements.keys():
         raise UnsupportedMeshError(
             f"material '{name}' has no diffuse colour or texture (Kd, map_Kd), only others"
         )
     opacity = _file(_picture(name, folder, statements["map_d"])) if "map_d" in statements else None
-    return Look(
+    return SurfaceLook(
         name=name,
         rgb=_diffuse(name, statements, is_textured=picture is not None),
         picture=picture,
@@ -155,7 +155,7 @@ def _alpha(statements: _Statements) -> float:
     return 1.0 - transparency if 0.0 < transparency < 1.0 else 1.0
 
 
-def _picture(name: str, folder: Path, written: str) -> Picture:
+def _picture(name: str, folder: Path, written: str) -> LookPicture:
     """Return the picture of a statement like map_Kd: options, and a file.
 
     Texture coordinates are multiplied by -s and moved by -o, as other programs have it.
@@ -182,7 +182,7 @@ def _picture(name: str, folder: Path, written: str) -> Picture:
     if not math.isfinite(base + gain):
         raise ValueError("-mm is not finite")
     wrap: Wrap = "clamp" if options.get("-clamp", ["off"])[0].lower() == "on" else "repeat"
-    return Picture(
+    return LookPicture(
         image_beside(folder, rest.strip(), by=f"material '{name}'"),
         affine=((across, 0.0, right), (0.0, along, up)),
         wraps=(wrap, wrap),

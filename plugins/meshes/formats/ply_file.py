@@ -11,12 +11,12 @@ from typing import Any
 import numpy as np
 
 from wil_campaign.plugins.meshes.beside import image_beside
-from wil_campaign.plugins.meshes.looks import NO_LOOK, FilePart, Look, Picture
+from wil_campaign.plugins.meshes.looks import NO_LOOK, FilePart, LookPicture, SurfaceLook
 from wil_campaign.plugins.meshes.mesh_polygons import (
     Integers,
     check_polygons,
-    fans,
     ply_polygons,
+    polygon_fans,
 )
 from wil_campaign.plugins.meshes.mesh_support import UnsupportedMeshError
 from wil_campaign.worlds.scene.meshes import FloatArray
@@ -62,7 +62,7 @@ def read_ply(path: Path) -> list[FilePart]:
     if len(polygons.sizes) and polygons.sizes.min() < len("xyz"):
         raise UnsupportedMeshError(f"a face has {polygons.sizes.min()} corners: it is damaged")
     check_polygons(polygons)
-    triangles = fans(polygons.sizes)
+    triangles = polygon_fans(polygons.sizes)
     owner = np.repeat(np.arange(len(polygons.sizes)), polygons.sizes - 2)
     at = polygons.corners[triangles]
     by_vertex, by_face = _colors(raw["vertex"]), _colors(raw["face"])
@@ -109,12 +109,12 @@ def _check_rows(data: bytes) -> None:
         raise UnsupportedMeshError(f"it is cut off: {there} of {stated} lines of data are there")
 
 
-def _look(path: Path) -> Look:
+def _look(path: Path) -> SurfaceLook:
     name = texture_named(path)
     if not name:
         return NO_LOOK
     by = "it"
-    return Look(name, (1.0, 1.0, 1.0), Picture(image_beside(path.parent, name, by=by)))
+    return SurfaceLook(name, (1.0, 1.0, 1.0), LookPicture(image_beside(path.parent, name, by=by)))
 
 
 def _column(element: Mapping[str, Any], name: str) -> FloatArray:

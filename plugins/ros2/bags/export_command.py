@@ -5,8 +5,8 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
-from wil_campaign.foundation.files.paths import exists, is_file, is_folder
-from wil_campaign.orchestrator.cli.standard_streams import err, out
+from wil_campaign.foundation.files.paths import is_file, is_folder, path_exists
+from wil_campaign.orchestrator.cli.standard_streams import write_stderr, write_stdout
 from wil_campaign.orchestrator.recording.errors import RecordingError
 from wil_campaign.plugins.ros2.bags.bag_file_of_run import trouble
 from wil_campaign.plugins.ros2.bags.whole_file import whole_file
@@ -44,7 +44,7 @@ def export(
     """
     recording = run / "run.mcap" if is_folder(run) else run
     if fault := _fault_of(recording, ros2):
-        err(fault)
+        write_stderr(fault)
         return 2
     from wil_campaign.plugins.ros2.bags.recorded_bag import DAMAGED, write_bag  # noqa: PLC0415
     from wil_campaign.plugins.ros2.messages.ros_types import ros_types  # noqa: PLC0415 - an extra
@@ -54,13 +54,13 @@ def export(
             types = ros_types(distribution)
             written = write_bag(recording, stream, types, decodes=decode, allows_cut=cut)
     except RecordingError as error:
-        err(error)
+        write_stderr(error)
         return 2
     except OSError as error:
-        err(f"{error.filename or ros2}: {error.strerror or error}")
+        write_stderr(f"{error.filename or ros2}: {error.strerror or error}")
         return 3
     except DAMAGED as error:
-        err(f"{recording}: cannot be read: {type(error).__name__}: {error}")
+        write_stderr(f"{recording}: cannot be read: {type(error).__name__}: {error}")
         return 2
     _report(ros2, written)
     return 0
@@ -70,7 +70,7 @@ def _fault_of(recording: Path, file: Path) -> str:
     """Return why a recording cannot be exported into a file; "" where nothing is in the way."""
     if not is_file(recording):
         return f"{recording}: there is no such recording; name a run's folder, or its run.mcap"
-    if exists(file):
+    if path_exists(file):
         return f"{file}: is there already; name another file, or remove it"
     if file.suffix != ".mcap":
         return f"{file}: name a file that ends in .mcap, by which tools of ROS know its storage"
@@ -81,8 +81,8 @@ def _fault_of(recording: Path, file: Path) -> str:
 
 def _report(file: Path, written: "WrittenBag") -> None:
     counts = written.counts
-    out(f"written: {file}, {sum(counts.values())} messages on {len(counts)} topics")
+    write_stdout(f"written: {file}, {sum(counts.values())} messages on {len(counts)} topics")
     for topic, count in sorted(written.left_out.items()):
-        err(f"left out: {count} readings of {topic}, for which there is no message")
+        write_stderr(f"left out: {count} readings of {topic}, for which there is no message")
     for problem in written.lacks:
-        err(f"no poses, or not all of them: {problem}")
+        write_stderr(f"no poses, or not all of them: {problem}")

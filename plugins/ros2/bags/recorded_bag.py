@@ -16,11 +16,14 @@ from typing import IO, get_args
 from mcap.records import Channel, Message, Metadata
 from mcap.writer import CompressionType, Writer
 
-from wil_campaign.foundation.files.limited_json import loads_limited
-from wil_campaign.orchestrator.reading.trajectory_file import Row, read_trajectory
+from wil_campaign.foundation.files.limited_json import loads_limited_json
+from wil_campaign.orchestrator.reading.trajectory_file import TrajectoryFileRow, read_trajectory
 from wil_campaign.orchestrator.recording.errors import RecordingError
 from wil_campaign.orchestrator.recording.mcap.mcap_chunks import RecordStream
-from wil_campaign.orchestrator.recording.mcap.mcap_decode import decode, is_reading
+from wil_campaign.orchestrator.recording.mcap.mcap_decode import (
+    decode_reading_message,
+    is_reading_channel,
+)
 from wil_campaign.orchestrator.recording.recorded_images import RecordedImages
 from wil_campaign.orchestrator.recording.recording_facts import campaign_in, mounts_in
 from wil_campaign.orchestrator.run_results.result_reader import ResultError, read_result
@@ -29,7 +32,7 @@ from wil_campaign.plugins.ros2.messages.reading_messages import (
     Made,
     optical_frame,
     reading_messages,
-    word_of,
+    ros_word_of_name,
 )
 from wil_campaign.plugins.ros2.messages.ros_messages import LOG, RosMessages
 from wil_campaign.plugins.ros2.messages.ros_types import RosTypes
@@ -48,7 +51,7 @@ from wil_campaign.plugins.ros2.messages.topics import (
     sensor_topics,
 )
 from wil_campaign.safety.model.verdict import DecisiveKind
-from wil_campaign.vehicles.readings.image_messages import camera_of
+from wil_campaign.vehicles.readings.image_messages import camera_of_message
 from wil_campaign.vehicles.readings.messages import Json
 from wil_campaign.worlds.frames import AT_ORIGIN, Pose, quat_from_euler
 
@@ -201,7 +204,7 @@ class _Writing:
         types: RosTypes,
         facts: Mapping[str, str],
         mixed: frozenset[str],
-        rows: tuple[Row, ...],
+        rows: tuple[TrajectoryFileRow, ...],
         decodes: bool,
     ) -> None:
         self._bag, self._make, self._facts = bag, RosMessages(types), facts
@@ -217,10 +220,10 @@ class _Writing:
         part = channel.metadata.get("part", "")
         if part not in {"reading", "drawing", "event", "transform"}:
             return
-        document = loads_limited(message.data)
+        document = loads_limited_json(message.data)
         if self._epoch_ns is None and part != "event":
             # 0: of the fixed transforms
-            t_s = document["wil"]["t_s"] if is_reading(channel) else 0.0
+            t_s = document["wil"]["t_s"] if is_reading_channel(channel) else 0.0
             self._start(message.publish_time - round(t_s * _NS))
         if part == "transform":
             return
@@ -263,7 +266,7 @@ class _Writing:
                 return
             self._write_row(self._rows.popleft(), stamp_ns)
 
-    def _write_row(self, row: Row, stamp_ns: int) -> None:
+    def _write_row(self, row: TrajectoryFileRow, stamp_ns: int) -> None:
         """Write a vehicle's pose as it knew it: transforms, and of the one under test odometry."""
         cells = dict(zip(row.columns, row.line, strict=False))
         numbers = [_number(cells.get(name, "")) for name in _ESTIMATE]
@@ -294,7 +297,7 @@ class _Writing:
         wil, recorded = document["wil"], channel.metadata["sensor"]
         source, kind, sensor = wil["source"], wil["type"], wil.get("sensor") or recorded
         prefix = self._prefix(source, recorded, sensor)
-        base = f"{prefix}/{word_of(sensor)}"
+        base = f"{prefix}/{ros_word_of_name(sensor)}"
         topics = {
             sensor_topic.name: sensor_topic.type
             for sensor_topic in sensor_topics(base[1:], kind, compressed=True)
@@ -305,11 +308,11 @@ class _Writing:
         vehicle, log_ns = self._subject if source == "mixed" else source, message.log_time
         within, mount = self._frames.within(vehicle), AT_ORIGIN
         if kind == "camera" and self._images.is_encoded(document) and not self._decodes:
-            frame = within + optical_frame(word_of(sensor))
+            frame = within + optical_frame(ros_word_of_name(sensor))
             made = self._encoded(document, base, frame, message.publish_time)
         else:
             parts = self._images.drawn(document) or {}
-            reading = decode({**document, "wil": {**wil, "sensor": sensor}}, parts)
+            reading = decode_reading_message({**document, "wil": {**wil, "sensor": sensor}}, parts)
             mount = getattr(reading, "mount", AT_ORIGIN)
             made = reading_messages(
                 reading,
@@ -326,7 +329,7 @@ class _Writing:
 
     def _encoded(self, document: Json, base: str, frame: str, stamp_ns: int) -> Iterator[Made]:
         """Yield the messages of an image, with the bytes of the recording."""
-        lens, _ = camera_of(document)
+        lens, _ = camera_of_message(document)
         encoding, data = self._images.encoded(document)
         yield f"{base}/camera_info", partial(self._make.camera_info, lens, stamp_ns, frame)
         image = partial(self._make.jpeg, data, encoding, stamp_ns, frame)

@@ -6,7 +6,7 @@ from functools import partial
 
 from wil_campaign.campaigns.values.sensor_setups import CameraSetup, DepthSetup, SensorSetup
 from wil_campaign.plugins.ros2.messages.ros_frames import optical_in_body, sensor_in_body
-from wil_campaign.plugins.ros2.messages.ros_messages import BODY_FRAME, RosMessages, Transform
+from wil_campaign.plugins.ros2.messages.ros_messages import BODY_FRAME, FrameTransform, RosMessages
 from wil_campaign.vehicles.readings import (
     CameraReading,
     DepthReading,
@@ -37,7 +37,7 @@ def reading_messages(
 
     prefix: of the topics, as "/real". within: of its frame, as "twin/".
     """
-    name = word_of(reading.sensor)
+    name = ros_word_of_name(reading.sensor)
     frame, base = within + name, f"{prefix}/{name}"
     match reading:
         case CameraReading():
@@ -69,26 +69,26 @@ def reading_messages(
             return
 
 
-def sensor_transforms(sensors: tuple[SensorSetup, ...]) -> tuple[Transform, ...]:
+def sensor_transforms(sensors: tuple[SensorSetup, ...]) -> tuple[FrameTransform, ...]:
     """Return the frames of sensors in base_link, those of stabilized cameras aside."""
     fixed = (sensor for sensor in sensors if not is_stabilized(sensor))
     return tuple(frame for sensor in fixed for frame in sensor_frames(sensor, AT_ORIGIN))
 
 
-def sensor_frames(sensor: SensorSetup, body: Pose) -> Iterator[Transform]:
+def sensor_frames(sensor: SensorSetup, body: Pose) -> Iterator[FrameTransform]:
     """Yield a sensor's frames in base_link. body: the vehicle's pose, which moves a gimbal.
 
     A depth camera has two, for the points that a recipe may make of it are forward, left, up.
     """
-    name = word_of(sensor.name)
+    name = ros_word_of_name(sensor.name)
     if isinstance(sensor, CameraSetup | DepthSetup):
         mount = sensor.mount.in_body(body)
-        yield Transform(BODY_FRAME, optical_frame(name), *optical_in_body(mount))
+        yield FrameTransform(BODY_FRAME, optical_frame(name), *optical_in_body(mount))
         if isinstance(sensor, CameraSetup):
             return
     else:
         mount = sensor.mount
-    yield Transform(BODY_FRAME, name, *sensor_in_body(mount))
+    yield FrameTransform(BODY_FRAME, name, *sensor_in_body(mount))
 
 
 def is_stabilized(sensor: SensorSetup) -> bool:
@@ -101,7 +101,7 @@ def optical_frame(name: str) -> str:
     return f"{name}_optical"
 
 
-def word_of(name: str) -> str:
+def ros_word_of_name(name: str) -> str:
     """Return a sensor's name as topics and frames can have it."""
     word = re.sub(r"[^A-Za-z0-9_]", "_", name)
     return word if word[:1].isalpha() else f"sensor_{word}"

@@ -29,12 +29,12 @@ _FRD_OPTICAL: Quat = (0.5, 0.5, 0.5, 0.5)
 """From right, down, forward to forward, right, down."""
 
 
-def enu(ned: Vec3) -> Vec3:
+def enu_from_ned(ned: Vec3) -> Vec3:
     """Return east-north-up of a north-east-down vector."""
     return ned_from_enu(ned)
 
 
-def flu(frd: Vec3) -> Vec3:
+def flu_from_frd(frd: Vec3) -> Vec3:
     """Return forward-left-up of a forward-right-down vector."""
     return frd_from_flu(frd)
 
@@ -63,7 +63,7 @@ def heading_ned(q_wxyz: Quat) -> float:
 
 def body_from_ned(pose: Pose, velocity_ned_m_s: Vec3) -> Vec3:
     """Return a velocity in the FLU axes of a body of that pose."""
-    return flu(rotate(quat_conjugate(pose.q_wxyz), velocity_ned_m_s))
+    return flu_from_frd(rotate(quat_conjugate(pose.q_wxyz), velocity_ned_m_s))
 
 
 def ned_from_level_body(pose: Pose, velocity_flu_m_s: Vec3) -> Vec3:
@@ -75,13 +75,13 @@ def ned_from_level_body(pose: Pose, velocity_flu_m_s: Vec3) -> Vec3:
 def sensor_in_body(mount: Pose) -> tuple[Vec3, Quat]:
     """Return position and attitude, FLU in FLU, of a sensor whose mount is given in FRD."""
     turned = quat_multiply(quat_multiply(_FLU_FRD, mount.q_wxyz), _FLU_FRD)
-    return flu(mount.position_ned_m), _positive(turned)
+    return flu_from_frd(mount.position_ned_m), _positive(turned)
 
 
 def optical_in_body(mount: Pose) -> tuple[Vec3, Quat]:
     """Return position and attitude, in FLU, of a camera's optical frame; its mount is in FRD."""
     turned = quat_multiply(quat_multiply(_FLU_FRD, mount.q_wxyz), _FRD_OPTICAL)
-    return flu(mount.position_ned_m), _positive(turned)
+    return flu_from_frd(mount.position_ned_m), _positive(turned)
 
 
 def _positive(q: Quat) -> Quat:

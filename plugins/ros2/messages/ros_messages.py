@@ -11,8 +11,8 @@ import numpy as np
 from wil_campaign.plugins.ros2.messages.ros_frames import (
     attitude_enu,
     body_from_ned,
-    enu,
-    flu,
+    enu_from_ned,
+    flu_from_frd,
 )
 from wil_campaign.plugins.ros2.messages.ros_types import RosTypes
 from wil_campaign.vehicles.readings import (
@@ -56,7 +56,7 @@ _JPEG_QUALITY = 90
 
 
 @dataclass(frozen=True, slots=True)
-class Transform:
+class FrameTransform:
     """A transform of tf2: of a child frame in its parent, metres and wxyz."""
 
     parent: str
@@ -169,9 +169,9 @@ class RosMessages:
             self._header(stamp_ns, frame),
             self._quaternion(IDENTITY),
             unknown,
-            self._vector(flu(reading.rates_frd_rad_s)),
+            self._vector(flu_from_frd(reading.rates_frd_rad_s)),
             zero,
-            self._vector(flu(reading.specific_force_frd_m_s2)),
+            self._vector(flu_from_frd(reading.specific_force_frd_m_s2)),
             zero,
         )
 
@@ -210,11 +210,11 @@ class RosMessages:
             self._make("geometry_msgs/msg/TwistWithCovariance", twist, zero),
         )
 
-    def transforms(self, transforms: Sequence[Transform], stamp_ns: int) -> bytes:
+    def transforms(self, transforms: Sequence[FrameTransform], stamp_ns: int) -> bytes:
         """Return a TFMessage."""
         return self._cdr(TF, [self._transform(transform, stamp_ns) for transform in transforms])
 
-    def _transform(self, one: Transform, stamp_ns: int) -> Any:
+    def _transform(self, one: FrameTransform, stamp_ns: int) -> Any:
         x, y, z = one.position_m
         translation = self._make("geometry_msgs/msg/Vector3", x, y, z)
         turned = self._quaternion(one.q_wxyz)
@@ -235,7 +235,7 @@ class RosMessages:
         return _with_data(empty, np.ascontiguousarray(pixels).data.cast("B"))
 
     def _pose(self, pose: Pose) -> Any:
-        x, y, z = enu(pose.position_ned_m)
+        x, y, z = enu_from_ned(pose.position_ned_m)
         return self._make(
             "geometry_msgs/msg/Pose",
             self._make("geometry_msgs/msg/Point", x, y, z),

@@ -24,7 +24,7 @@ _ZEROS: Mapping[object, float | bool] = {"bool": False, "float32": 0.0, "float64
 """Of types of numbers that are no integers."""
 
 
-class BadMessageError(Exception):
+class BadRosMessageError(Exception):
     """The bytes of a message are not those of its type; the message says why."""
 
 
@@ -79,7 +79,7 @@ class RosTypes:
         try:
             return self._store.deserialize_cdr(data, name)
         except Exception as error:  # whatever bytes of others make of it
-            raise BadMessageError(f"is no {name}: {type(error).__name__}: {error}") from error
+            raise BadRosMessageError(f"is no {name}: {type(error).__name__}: {error}") from error
 
     def hash(self, name: str) -> str:
         """Return the hash of a type's definition (REP 2016)."""

@@ -5,7 +5,11 @@ import struct
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from wil_campaign.plugins.ros2.messages.ros_frames import enu, heading_ned, ned_from_level_body
+from wil_campaign.plugins.ros2.messages.ros_frames import (
+    enu_from_ned,
+    heading_ned,
+    ned_from_level_body,
+)
 from wil_campaign.plugins.ros2.messages.ros_messages import (
     BODY_FRAME,
     ODOMETRY_FRAME,
@@ -33,7 +37,7 @@ class BadSetpointError(Exception):
     """A message is no setpoint for a vehicle; says what of it, and the remedy."""
 
 
-def stamp_of(cdr: bytes, kind: str = TWIST) -> int:
+def setpoint_stamp_of(cdr: bytes, kind: str = TWIST) -> int:
     """Return the stamp, in nanoseconds, of the CDR of a setpoint: of its Header, or PX4's.
 
     0 for a message that has none.
@@ -47,7 +51,7 @@ def stamp_of(cdr: bytes, kind: str = TWIST) -> int:
     return int(seconds) * _NS + int(nanoseconds)
 
 
-def stamp_in(kind: str, stamp_ns: int) -> int:
+def setpoint_stamp_in(kind: str, stamp_ns: int) -> int:
     """Return a stamp as a setpoint can repeat it: PX4's have microseconds."""
     return stamp_ns // _NS_IN_US * _NS_IN_US if kind == TRAJECTORY_SETPOINT else stamp_ns
 
@@ -71,7 +75,7 @@ def _velocity(twist: Any, frame: str, body: Pose) -> VelocitySetpoint:
     linear = _vector("linear", twist.linear)
     turn = _number("angular.z", twist.angular.z)
     if frame in _WORLD_FRAMES:
-        velocity = enu(linear)
+        velocity = enu_from_ned(linear)
     elif frame in _BODY_FRAMES:
         velocity = ned_from_level_body(body, linear)
     else:
@@ -145,7 +149,7 @@ def _controlled(name: str, value: float) -> float | None:
 
 
 def _position(place: Any, turned: Any) -> PositionSetpoint:
-    position = enu(_vector("position", place))
+    position = enu_from_ned(_vector("position", place))
     quaternion = tuple(_number(f"orientation.{axis}", getattr(turned, axis)) for axis in "wxyz")
     w, x, y, z = quaternion
     try:

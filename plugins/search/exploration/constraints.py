@@ -6,17 +6,17 @@ from dataclasses import dataclass
 import numpy as np
 
 from wil_campaign.plugins.search.search_part import ParameterValue
-from wil_campaign.plugins.stl.arithmetic import difference_of
+from wil_campaign.plugins.stl.arithmetic import comparison_margin
 from wil_campaign.plugins.stl.formula import (
-    Comparison,
+    BooleanAtom,
     Formula,
-    Holds,
-    Junctor,
-    Not,
+    JunctorFormula,
+    NegatedFormula,
+    StlComparison,
     StlError,
-    Temporal,
-    Until,
-    names_of,
+    TemporalFormula,
+    UntilFormula,
+    signal_names_of,
 )
 from wil_campaign.plugins.stl.parser import parse_stl
 from wil_campaign.plugins.stl.units import SignalKind, require_sound
@@ -25,7 +25,7 @@ _TIMELESS = "parameters have no time: only comparisons, and, or, not, implies, i
 
 
 @dataclass(frozen=True, slots=True)
-class Constraint:
+class SpaceConstraint:
     """A constraint of a search: its text, and its formula."""
 
     text: str
@@ -33,40 +33,40 @@ class Constraint:
 
     def holds(self, values: Mapping[str, ParameterValue | None]) -> bool:
         """Return whether values keep the constraint; False where a named value is unknown."""
-        if any(values.get(name.name) is None for name in names_of(self.formula)):
+        if any(values.get(name.name) is None for name in signal_names_of(self.formula)):
             return False
         return _holds(self.formula, values)
 
 
-def parse_constraint(text: str, kinds: Mapping[str, SignalKind]) -> Constraint:
+def parse_constraint(text: str, kinds: Mapping[str, SignalKind]) -> SpaceConstraint:
     """Return a constraint over these parameters. Raises StlError with the offset of the mistake."""
     formula = parse_stl(text)
     _require_timeless(formula)
     require_sound(formula, kinds)
-    return Constraint(text, formula)
+    return SpaceConstraint(text, formula)
 
 
 def _require_timeless(formula: Formula) -> None:
     """Raise StlError for an operator of time."""
     match formula:
-        case Temporal() | Until():
+        case TemporalFormula() | UntilFormula():
             raise StlError(_TIMELESS, formula.at)
-        case Not(inner):
+        case NegatedFormula(inner):
             _require_timeless(inner)
-        case Junctor(_, left, right):
+        case JunctorFormula(_, left, right):
             _require_timeless(left)
             _require_timeless(right)
 
 
 def _holds(formula: Formula, values: Mapping[str, ParameterValue | None]) -> bool:
     match formula:
-        case Comparison():
+        case StlComparison():
             return _compare(formula, values)
-        case Holds(name):
+        case BooleanAtom(name):
             return bool(values[name.name])
-        case Not(inner):
+        case NegatedFormula(inner):
             return not _holds(inner, values)
-        case Junctor(word, left, right):
+        case JunctorFormula(word, left, right):
             first, second = _holds(left, values), _holds(right, values)
             return {
                 "and": first and second,
@@ -78,12 +78,12 @@ def _holds(formula: Formula, values: Mapping[str, ParameterValue | None]) -> boo
             raise ValueError(_TIMELESS)
 
 
-def _compare(atom: Comparison, values: Mapping[str, ParameterValue | None]) -> bool:
+def _compare(atom: StlComparison, values: Mapping[str, ParameterValue | None]) -> bool:
     """Return whether a comparison holds; False for a NaN, such as that of 0/0."""
     numbers = {
         name.name: np.array(float(value))
-        for name in names_of(atom)
+        for name in signal_names_of(atom)
         if isinstance(value := values[name.name], int | float)
     }
-    difference = float(difference_of(atom, numbers))
+    difference = float(comparison_margin(atom, numbers))
     return difference > 0.0 if atom.comparator in {">", "<"} else difference >= 0.0

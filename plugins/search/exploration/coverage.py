@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from wil_campaign.plugins.search.exploration.space import Parameter, Space, Values
+from wil_campaign.plugins.search.exploration.space import SearchSpace, SpaceParameter, Values
 from wil_campaign.plugins.search.exploration.strategies import Point
 
 _CellPair = tuple[int, int, int, int]
@@ -43,7 +43,7 @@ class SpaceCoverage:
         return self.flown / self.cells if self.cells else 0.0
 
 
-def coverage_of(space: Space, tried: Iterable[Values]) -> SpaceCoverage:
+def space_coverage_of(space: SearchSpace, tried: Iterable[Values]) -> SpaceCoverage:
     """Return how much of a space variants cover."""
     samples = admissible_shares(space)
     points = [point for values in tried if (point := space.shares(values)) is not None]
@@ -57,7 +57,7 @@ def coverage_of(space: Space, tried: Iterable[Values]) -> SpaceCoverage:
     )
 
 
-def admissible_shares(space: Space) -> list[tuple[float, ...]]:
+def admissible_shares(space: SearchSpace) -> list[tuple[float, ...]]:
     """Return the places in the unit cube of evenly spread values that keep the constraints."""
     from scipy.stats import qmc
 
@@ -67,13 +67,13 @@ def admissible_shares(space: Space) -> list[tuple[float, ...]]:
     return [place for place in places if place is not None]
 
 
-def cell_of(parameter: Parameter, share: float) -> int:
+def cell_of(parameter: SpaceParameter, share: float) -> int:
     """Return the cell of a parameter in which a share of its range lies."""
     count = cell_count(parameter)
     return min(max(int(share * count), 0), count - 1)
 
 
-def cell_count(parameter: Parameter) -> int:
+def cell_count(parameter: SpaceParameter) -> int:
     """Return the number of cells of a parameter."""
     if parameter.choices:
         return len(parameter.choices)
@@ -82,7 +82,7 @@ def cell_count(parameter: Parameter) -> int:
 
 
 def _admissible_count(
-    space: Space, samples: Iterable[Sequence[float]], flown: set[_CellPair]
+    space: SearchSpace, samples: Iterable[Sequence[float]], flown: set[_CellPair]
 ) -> int:
     """Return the number of pairs of cells that the constraints admit, by the samples."""
     if not space.constraints:
@@ -92,7 +92,7 @@ def _admissible_count(
     return len({cell for shares in samples for cell in _cells(space, shares)} | flown)
 
 
-def _cells(space: Space, shares: Sequence[float]) -> Iterable[_CellPair]:
+def _cells(space: SearchSpace, shares: Sequence[float]) -> Iterable[_CellPair]:
     own = [
         cell_of(parameter, share) for parameter, share in zip(space.parameters, shares, strict=True)
     ]

@@ -48,7 +48,7 @@ class ModeGap:
         return value + mean - quantile * spread * math.sqrt(1.0 + 1.0 / count)
 
 
-def passed_on(
+def variants_passed_on(
     values: Sequence[tuple[str, float]], gap: ModeGap, *, probes: int, most: int
 ) -> list[str]:
     """Return the variants to be flown next in the upper mode, the worst first.

@@ -8,13 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from wil_campaign.plugins.search.exploration.space import Parameter, Space
+from wil_campaign.plugins.search.exploration.space import SearchSpace, SpaceParameter
 from wil_campaign.plugins.search.exploration.strategies import (
     FixedStrategy,
     MissingExtraError,
     Point,
-    Proposal,
-    Strategy,
+    SearchStrategy,
+    StrategyProposal,
     fixed_points,
     point_key,
     random_point,
@@ -25,7 +25,7 @@ _ATTEMPTS = 50
 """Inadmissible proposals in a row after which a random admissible point is enqueued."""
 
 
-def make_strategy(name: StrategyName, space: Space, seed: int) -> Strategy:
+def make_strategy(name: StrategyName, space: SearchSpace, seed: int) -> SearchStrategy:
     """Return a strategy by its name. Raises MissingExtraError where its package is missing."""
     if find_spec("scipy") is None:
         raise MissingExtraError("scipy", "the coverage of a search")
@@ -41,7 +41,7 @@ class LearningStrategy:
     they lie apart.
     """
 
-    def __init__(self, name: StrategyName, space: Space, seed: int) -> None:
+    def __init__(self, name: StrategyName, space: SearchSpace, seed: int) -> None:
         self._optuna = _import_optuna(name)
         self._space = space
         self._rng = np.random.default_rng(seed)
@@ -51,7 +51,7 @@ class LearningStrategy:
         with _quiet():
             self._study = self._optuna.create_study(sampler=self._sampler(name, seed))
 
-    def ask(self) -> Proposal | None:
+    def ask(self) -> StrategyProposal | None:
         """Return a proposal that keeps the constraints and, in a finite space, is new."""
         for attempt in range(2 * _ATTEMPTS):
             if attempt >= _ATTEMPTS and not self._enqueue():
@@ -64,7 +64,7 @@ class LearningStrategy:
                 }
             if self._is_new(point):
                 self._trials[trial.number] = trial
-                return Proposal(trial.number, point)
+                return StrategyProposal(trial.number, point)
             self._study.tell(trial, state=self._optuna.trial.TrialState.FAIL)
         return None
 
@@ -121,7 +121,7 @@ class LearningStrategy:
         return is_new
 
 
-def _suggested(trial: Any, parameter: Parameter) -> ParameterValue:
+def _suggested(trial: Any, parameter: SpaceParameter) -> ParameterValue:
     if parameter.choices:
         # Optuna treats True and 1 as the same choice, so that choices are given by index.
         every = list(range(len(parameter.choices)))
@@ -132,7 +132,7 @@ def _suggested(trial: Any, parameter: Parameter) -> ParameterValue:
     return parameter.rounded(float(given))
 
 
-def _written(parameter: Parameter, value: ParameterValue) -> ParameterValue:
+def _written(parameter: SpaceParameter, value: ParameterValue) -> ParameterValue:
     """Return a parameter's value in optuna's form: the index of a choice."""
     return parameter.choices.index(value) if parameter.choices else value
 

@@ -6,10 +6,10 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from wil_campaign.campaigns.schema import Mode
-from wil_campaign.campaigns.statistics.proportions import Interval
+from wil_campaign.campaigns.statistics.proportions import RateInterval
 from wil_campaign.plugins.search.exploration.gap import ModeGap
 from wil_campaign.plugins.search.exploration.sensed import SensedView
-from wil_campaign.plugins.search.exploration.space import Space, Values
+from wil_campaign.plugins.search.exploration.space import SearchSpace, Values
 
 Purpose = Literal["explore", "pass on", "confirm", "reduce"]
 Standing = Literal["confirmed", "intermittent", "refuted", "undecided"]
@@ -18,7 +18,7 @@ FlownVerdict = Literal["PASS", "FAIL", "INVALID", "ERROR", "ABORTED"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Variant:
+class SearchVariant:
     """A variant of the campaign. name: of its case; values: what it changes, by parameter.
 
     of: the variant from which it was reduced; empty for a proposal.
@@ -30,26 +30,26 @@ class Variant:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Flight:
+class SearchFlightPlan:
     """A flight that a search requests. repetition from 1.
 
     seed_name: the flight's seed derives from it, the repetition and the campaign's seed.
     """
 
-    variant: Variant
+    variant: SearchVariant
     mode: Mode
     repetition: int
     seed_name: str
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Batch:
+class FlightBatch:
     """Flights of one mode that a search requests at once. number from 1."""
 
     number: int
     purpose: Purpose
     mode: Mode
-    flights: tuple[Flight, ...]
+    flights: tuple[SearchFlightPlan, ...]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -80,9 +80,9 @@ class SearchProblem:
     flights requested at once. refuse: returns why a variant cannot be flown; "" where it can.
     """
 
-    space: Space
+    space: SearchSpace
     budget: Mapping[Mode, int]
-    refuse: Callable[[Variant], str]
+    refuse: Callable[[SearchVariant], str]
     seeds: int = 1
     confirm_flights: int = 5
     votes: int = 3
@@ -101,7 +101,7 @@ class SearchProblem:
 class TriedVariant:
     """A variant with the outcomes of its flights that look for failures, by mode."""
 
-    variant: Variant
+    variant: SearchVariant
     outcomes: Mapping[Mode, tuple[FlightOutcome, ...]] = field(default_factory=dict)
 
     def value(self, mode: Mode) -> float | None:
@@ -157,14 +157,14 @@ class FailingCase:
     used up.
     """
 
-    variant: Variant
+    variant: SearchVariant
     mode: Mode
     standing: Standing
     cause: str
     failed: int
     proven: int
-    interval: Interval | None
-    reduced: Variant
+    interval: RateInterval | None
+    reduced: SearchVariant
     reduced_failed: int
     reduced_proven: int
     causes: Mapping[str, int] = field(default_factory=dict)
@@ -190,16 +190,16 @@ def _causes_text(causes: Mapping[str, int]) -> str:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Cost:
+class FlightCost:
     """The cost of flights of a mode: their number, seconds of flight, and of wall time."""
 
     flights: int = 0
     flight_s: float = 0.0
     wall_s: float = 0.0
 
-    def plus(self, outcome: FlightOutcome) -> "Cost":
+    def plus(self, outcome: FlightOutcome) -> "FlightCost":
         """Return the cost with a further flight."""
-        return Cost(
+        return FlightCost(
             flights=self.flights + 1,
             flight_s=self.flight_s + outcome.duration_s,
             wall_s=self.wall_s + outcome.wall_s,
@@ -207,7 +207,7 @@ class Cost:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Findings:
+class SearchFindings:
     """The result of a search. modes: those that it flies, the costliest last. ended: why, in words.
 
     refused: variants never flown, and why. cases: those flown again. costs: by mode and purpose.
@@ -216,9 +216,9 @@ class Findings:
 
     modes: tuple[Mode, ...]
     tried: tuple[TriedVariant, ...]
-    refused: tuple[tuple[Variant, str], ...]
+    refused: tuple[tuple[SearchVariant, str], ...]
     cases: tuple[FailingCase, ...]
-    costs: Mapping[tuple[Mode, Purpose], Cost]
+    costs: Mapping[tuple[Mode, Purpose], FlightCost]
     gaps: tuple[ModeGap, ...]
     ended: str
     flown: tuple[FlightOutcome, ...] = ()

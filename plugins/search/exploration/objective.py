@@ -55,7 +55,7 @@ def fails_no_flight(use: OracleUse, flying: Mapping[Mode, Sequence[str]]) -> str
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Objective:
+class SearchObjective:
     """The objective of a search. oracles: by name. scale: of a margin, in its oracle's unit."""
 
     oracles: tuple[str, ...]
@@ -64,7 +64,7 @@ class Objective:
     def value(self, results: Sequence[OracleResult], *, vehicle: str) -> float | None:
         """Return the smallest normalised margin of the vehicle's oracles; None without any."""
         values = [
-            result.margin / (self.scale.get(result.name) or measure_of(result.limit))
+            result.margin / (self.scale.get(result.name) or margin_divisor(result.limit))
             for result in results
             if result.name in self.oracles
             and result.vehicle == vehicle
@@ -99,7 +99,7 @@ class Objective:
         )
 
 
-def measure_of(limit: Limit) -> float:
+def margin_divisor(limit: Limit) -> float:
     """Return the divisor of a margin to a limit; 1 where the limit is 0 or missing."""
     if isinstance(limit, tuple):
         low, high = limit

@@ -7,7 +7,7 @@ Zeller and Hildebrandt, IEEE TSE 28, 2002); then each remaining number is moved 
 from collections.abc import Generator, Mapping, Sequence
 from typing import TypeGuard
 
-from wil_campaign.plugins.search.exploration.space import Parameter, Space, Values
+from wil_campaign.plugins.search.exploration.space import SearchSpace, SpaceParameter, Values
 from wil_campaign.plugins.search.search_part import ParameterValue
 
 Attempts = Generator[Values, bool, Values]
@@ -16,23 +16,23 @@ Attempts = Generator[Values, bool, Values]
 _HALVINGS = 4
 
 
-def reductions(space: Space, values: Values) -> Attempts:
+def reduced_variants(space: SearchSpace, values: Values) -> Attempts:
     """Yield smaller variants of failing values, and return the smallest that fails."""
-    smallest = dict((yield from _fewer_keys(space, own_left_out(space, values))))
+    smallest = dict((yield from _fewer_keys(space, values_without_own(space, values))))
     for parameter in space.parameters:
         if parameter.name in smallest:
             smallest = yield from _nearer(space, parameter, smallest)
     return smallest
 
 
-def own_left_out(space: Space, values: Values) -> dict[str, ParameterValue]:
+def values_without_own(space: SearchSpace, values: Values) -> dict[str, ParameterValue]:
     """Return values without those that are the campaign's own."""
     own = {parameter.name: parameter.own for parameter in space.parameters}
     return {name: value for name, value in values.items() if not _is_same(value, own[name])}
 
 
 def _fewer_keys(
-    space: Space, values: Mapping[str, ParameterValue]
+    space: SearchSpace, values: Mapping[str, ParameterValue]
 ) -> Generator[Values, bool, Mapping[str, ParameterValue]]:
     """Try to remove keys: first half of them at once, in the end one by one."""
     size = max(1, len(values) // 2)
@@ -49,7 +49,7 @@ def _fewer_keys(
 
 
 def _nearer(
-    space: Space, parameter: Parameter, values: dict[str, ParameterValue]
+    space: SearchSpace, parameter: SpaceParameter, values: dict[str, ParameterValue]
 ) -> Generator[Values, bool, dict[str, ParameterValue]]:
     """Try to move a number towards the campaign's own by bisection, as long as it still fails."""
     near, far = parameter.own, values[parameter.name]

@@ -11,25 +11,25 @@ from itertools import pairwise
 
 from wil_campaign.campaigns.schema import Mode
 from wil_campaign.campaigns.statistics.proportions import clopper_pearson
-from wil_campaign.plugins.search.exploration.gap import ModeGap, passed_on
+from wil_campaign.plugins.search.exploration.gap import ModeGap, variants_passed_on
 from wil_campaign.plugins.search.exploration.model import (
-    Batch,
-    Cost,
     FailingCase,
-    Findings,
-    Flight,
+    FlightBatch,
+    FlightCost,
     FlightOutcome,
     Purpose,
+    SearchFindings,
+    SearchFlightPlan,
     SearchProblem,
+    SearchVariant,
     TriedVariant,
-    Variant,
 )
-from wil_campaign.plugins.search.exploration.reduction import own_left_out, reductions
-from wil_campaign.plugins.search.exploration.strategies import Strategy
-from wil_campaign.plugins.search.exploration.votes import standing_of, votes_of
+from wil_campaign.plugins.search.exploration.reduction import reduced_variants, values_without_own
+from wil_campaign.plugins.search.exploration.strategies import SearchStrategy
+from wil_campaign.plugins.search.exploration.votes import votes_of, votes_standing
 
-_Flown = Generator[Batch, Sequence[FlightOutcome], tuple[FlightOutcome, ...]]
-Steps = Generator[Batch, Sequence[FlightOutcome], None]
+_Flown = Generator[FlightBatch, Sequence[FlightOutcome], tuple[FlightOutcome, ...]]
+Steps = Generator[FlightBatch, Sequence[FlightOutcome], None]
 
 _MOST_REFUSED = 300
 """Number of proposals in a row that cannot be flown after which the search ends."""
@@ -40,13 +40,13 @@ EXHAUSTED = "every variant was tried"
 class Search:
     """A search in progress. findings: the result so far, also of an interrupted search."""
 
-    def __init__(self, problem: SearchProblem, strategy: Strategy) -> None:
+    def __init__(self, problem: SearchProblem, strategy: SearchStrategy) -> None:
         self._problem = problem
         self._strategy = strategy
         self._tried: dict[str, TriedVariant] = {}
-        self._refused: list[tuple[Variant, str]] = []
+        self._refused: list[tuple[SearchVariant, str]] = []
         self._cases: list[FailingCase] = []
-        self._costs: dict[tuple[Mode, Purpose], Cost] = {}
+        self._costs: dict[tuple[Mode, Purpose], FlightCost] = {}
         self._gaps: list[ModeGap] = []
         self._flown: list[FlightOutcome] = []
         self._batches = 0
@@ -62,9 +62,9 @@ class Search:
         yield from self._confirm_all(modes[-1])
 
     @property
-    def findings(self) -> Findings:
+    def findings(self) -> SearchFindings:
         """Return the result of the search so far."""
-        return Findings(
+        return SearchFindings(
             modes=self._problem.modes,
             tried=tuple(self._tried.values()),
             refused=tuple(self._refused),
@@ -116,9 +116,9 @@ class Search:
         known = (tried_variant.value(mode) for tried_variant in self._tried.values())
         return max((one for one in known if one is not None), default=None)
 
-    def _proposals(self, count: int) -> list[tuple[int, Variant]]:
+    def _proposals(self, count: int) -> list[tuple[int, SearchVariant]]:
         """Return proposals that can be flown, by number; empty when the strategy has no more."""
-        found: list[tuple[int, Variant]] = []
+        found: list[tuple[int, SearchVariant]] = []
         refused_in_a_row = 0
         while len(found) < count:
             proposal = self._strategy.ask()
@@ -126,7 +126,7 @@ class Search:
                 self._ended = EXHAUSTED
                 break
             number = len(self._tried) + len(self._refused) + len(found) + 1
-            variant = Variant(name=f"v{number:04d}", values=proposal.values)
+            variant = SearchVariant(name=f"v{number:04d}", values=proposal.values)
             why = self._problem.refuse(variant)
             if not why:
                 found.append((proposal.number, variant))
@@ -151,7 +151,7 @@ class Search:
                 and (value := _rank_of(tried_variant, lower)) is not None
             ]
             most = min(left, max(1, self._problem.at_once // self._problem.seeds))
-            chosen = passed_on(
+            chosen = variants_passed_on(
                 waiting, gap, probes=most, most=left if not gap.is_measured else most
             )
             if not chosen:
@@ -173,11 +173,11 @@ class Search:
         differences = (high - low for low, high in pairs if low is not None and high is not None)
         return ModeGap(lower, upper, tuple(differences))
 
-    def _look(self, variants: Sequence[Variant], mode: Mode, purpose: Purpose) -> Steps:
+    def _look(self, variants: Sequence[SearchVariant], mode: Mode, purpose: Purpose) -> Steps:
         """Fly variants under their own seeds, and store the outcomes."""
         repetitions = range(1, self._problem.seeds + 1)
         flights = [
-            Flight(variant=one, mode=mode, repetition=repetition, seed_name=one.name)
+            SearchFlightPlan(variant=one, mode=mode, repetition=repetition, seed_name=one.name)
             for one in variants
             for repetition in repetitions
         ]
@@ -210,7 +210,7 @@ class Search:
         variant = tried.variant
         outcomes = yield from self._vote(variant, variant, mode, "confirm")
         votes = votes_of(outcomes)
-        standing = standing_of(votes, needed=self._problem.votes, due=len(outcomes))
+        standing = votes_standing(votes, needed=self._problem.votes, due=len(outcomes))
         # Without a further failure the first one gives the cause.
         cause = votes.cause or tried.cause(mode)
         found = FailingCase(
@@ -231,19 +231,21 @@ class Search:
             found = yield from self._reduce(found)
         self._cases.append(found)
 
-    def _reduce(self, found: FailingCase) -> Generator[Batch, Sequence[FlightOutcome], FailingCase]:
+    def _reduce(
+        self, found: FailingCase
+    ) -> Generator[FlightBatch, Sequence[FlightOutcome], FailingCase]:
         """Make a confirmed case smaller, under the seeds and votes that confirmed it.
 
         A smaller variant must fail as often, and by the case's cause as often as that confirmed it.
         """
         space, variant = self._problem.space, found.variant
-        values = own_left_out(space, variant.values)
+        values = values_without_own(space, variant.values)
         smallest = replace(
-            found, reduced=Variant(name=variant.name, values=values, of=variant.name)
+            found, reduced=SearchVariant(name=variant.name, values=values, of=variant.name)
         )
         left, needed = self._problem.reduce_flights, self._problem.votes
         by_cause = min(needed, found.causes.get(found.cause, 0))
-        attempts = reductions(space, values)
+        attempts = reduced_variants(space, values)
         fails: bool | None = None
         number = 0
         while True:
@@ -253,7 +255,7 @@ class Search:
                 return smallest
             number += 1
             name = f"{variant.name}-r{number:02d}"
-            one = Variant(name=name, values=smaller, of=variant.name)
+            one = SearchVariant(name=name, values=smaller, of=variant.name)
             fails = False
             if self._problem.refuse(one):
                 continue
@@ -272,25 +274,29 @@ class Search:
                     reduced_causes=votes.causes,
                 )
 
-    def _vote(self, variant: Variant, seeded_by: Variant, mode: Mode, purpose: Purpose) -> _Flown:
+    def _vote(
+        self, variant: SearchVariant, seeded_by: SearchVariant, mode: Mode, purpose: Purpose
+    ) -> _Flown:
         """Fly a variant under the seeds that confirm a failure of `seeded_by`."""
         seed_name = failure_name(seeded_by)
         flights = [
-            Flight(variant=variant, mode=mode, repetition=repetition, seed_name=seed_name)
+            SearchFlightPlan(variant=variant, mode=mode, repetition=repetition, seed_name=seed_name)
             for repetition in range(1, self._problem.confirm_flights + 1)
         ]
         return (yield from self._fly(flights, mode, purpose))
 
-    def _fly(self, flights: Iterable[Flight], mode: Mode, purpose: Purpose) -> _Flown:
+    def _fly(self, flights: Iterable[SearchFlightPlan], mode: Mode, purpose: Purpose) -> _Flown:
         """Yield a batch of flights, and add up the cost of its outcomes."""
         self._batches += 1
-        batch = Batch(number=self._batches, purpose=purpose, mode=mode, flights=tuple(flights))
+        batch = FlightBatch(
+            number=self._batches, purpose=purpose, mode=mode, flights=tuple(flights)
+        )
         outcomes = tuple((yield batch))
         if len(outcomes) != len(batch.flights):
             raise ValueError(f"{len(outcomes)} outcomes of {len(batch.flights)} flights")
         self._flown += outcomes
         for outcome in outcomes:
-            cost = self._costs.get((mode, purpose), Cost())
+            cost = self._costs.get((mode, purpose), FlightCost())
             self._costs[mode, purpose] = cost.plus(outcome)
         return outcomes
 
@@ -304,7 +310,7 @@ def _rank_of(tried: TriedVariant, mode: Mode) -> float | None:
     return math.inf if value is None and tried.passed(mode) else value
 
 
-def failure_name(variant: Variant) -> str:
+def failure_name(variant: SearchVariant) -> str:
     """Return the name of a failing variant's case in a campaign file of its own.
 
     The seeds of its confirmation derive from it, so that the file's runs have the same ones.

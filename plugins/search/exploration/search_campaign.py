@@ -8,15 +8,20 @@ from wil_campaign.campaigns.expansion.case_reader import read_setup
 from wil_campaign.campaigns.expansion.expansion import Campaign, RunPlan
 from wil_campaign.campaigns.schema import Mode
 from wil_campaign.campaigns.setup.bench_file import Bench
-from wil_campaign.campaigns.setup.bench_resolution import completion_of
+from wil_campaign.campaigns.setup.bench_resolution import bench_completion
 from wil_campaign.campaigns.setup.case_files import CaseFiles, case_files
 from wil_campaign.campaigns.setup.case_setup import Case
 from wil_campaign.campaigns.setup.overrides import Override
 from wil_campaign.campaigns.values.seeds import run_seed
-from wil_campaign.foundation.files.documents import BadInput, Document, parse_value
-from wil_campaign.plugins.search.exploration.model import Batch, Flight, SearchProblem, Variant
-from wil_campaign.plugins.search.exploration.objective import Objective
-from wil_campaign.plugins.search.exploration.space import Space, Values
+from wil_campaign.foundation.files.documents import BadInput, Document, parse_option_value
+from wil_campaign.plugins.search.exploration.model import (
+    FlightBatch,
+    SearchFlightPlan,
+    SearchProblem,
+    SearchVariant,
+)
+from wil_campaign.plugins.search.exploration.objective import SearchObjective
+from wil_campaign.plugins.search.exploration.space import SearchSpace, Values
 from wil_campaign.plugins.search.search_part import ParameterValue, SearchPart
 
 
@@ -35,8 +40,8 @@ class SearchCampaign:
     case: str
     case_overrides: tuple[Override, ...]
     option_overrides: tuple[Override, ...]
-    space: Space
-    objective: Objective
+    space: SearchSpace
+    objective: SearchObjective
 
     def problem(self, *, at_once: int) -> SearchProblem:
         """Return the task of the search. at_once: flights that fly at once."""
@@ -63,18 +68,18 @@ class SearchCampaign:
             for key in parameter.keys
         }
 
-    def files(self, variant: Variant) -> CaseFiles:
+    def files(self, variant: SearchVariant) -> CaseFiles:
         """Return the files of a variant. Raises BadInput."""
         changed = tuple(
-            override_of(*override) for override in self.overrides(variant.values).items()
+            override_by_parameter(*override) for override in self.overrides(variant.values).items()
         )
         overrides = (*self.case_overrides, *self.option_overrides, *changed)
-        files, problems = case_files(self.document, overrides, completion_of(self._bench))
+        files, problems = case_files(self.document, overrides, bench_completion(self._bench))
         if problems:
             raise BadInput(problems)
         return files
 
-    def refuse(self, variant: Variant) -> str:
+    def refuse(self, variant: SearchVariant) -> str:
         """Return why a variant cannot be flown; "" where it can.
 
         Its start may be outside of the fence or inside an object, or its campaign invalid.
@@ -85,7 +90,7 @@ class SearchCampaign:
             return error.problems[0].message
         return ""
 
-    def batch_campaign(self, batch: Batch) -> Campaign:
+    def batch_campaign(self, batch: FlightBatch) -> Campaign:
         """Return a batch of flights as a campaign in which each variant is a case.
 
         It has no requirements and no controls; a case has as many repetitions as it has flights.
@@ -99,7 +104,7 @@ class SearchCampaign:
         of_benches = [bench.document.path for bench in base.benches]
         return replace(
             base,
-            document=completion_of(self._bench)(self.document),
+            document=bench_completion(self._bench)(self.document),
             paths=tuple(
                 dict.fromkeys([*(p for f in files.values() for p in f.paths), *of_benches])
             ),
@@ -115,7 +120,7 @@ class SearchCampaign:
             warnings=(),
         )
 
-    def _plan(self, flight: Flight, files: CaseFiles) -> RunPlan:
+    def _plan(self, flight: SearchFlightPlan, files: CaseFiles) -> RunPlan:
         seed = self.seed(flight)
         return RunPlan(
             campaign=self.campaign.name,
@@ -129,7 +134,7 @@ class SearchCampaign:
             loads_code=self.campaign.options.loads_code,
         )
 
-    def seed(self, flight: Flight) -> int:
+    def seed(self, flight: SearchFlightPlan) -> int:
         """Return the seed of a flight."""
         return run_seed(self.campaign.seed, flight.seed_name, flight.repetition)
 
@@ -150,7 +155,7 @@ class SearchCampaign:
         return tuple(self.part.flights_by_mode)
 
 
-def override_of(key: str, value: ParameterValue) -> Override:
+def override_by_parameter(key: str, value: ParameterValue) -> Override:
     """Return the override of a dotted key by a parameter's value."""
     text = json.dumps(value, ensure_ascii=False)
-    return Override(key, parse_value(text, name=f"search {key}={text}"))
+    return Override(key, parse_option_value(text, name=f"search {key}={text}"))

@@ -12,34 +12,34 @@ from wil_campaign.campaigns.expansion.case_reader import collect_problems, read_
 from wil_campaign.campaigns.expansion.composition import is_composition
 from wil_campaign.campaigns.expansion.expansion import (
     Campaign,
-    Options,
+    ExpansionOptions,
     load_campaign,
     requested_bench,
 )
 from wil_campaign.campaigns.schema import Mode, matrix_keys
-from wil_campaign.campaigns.setup.bench_resolution import completion_of
+from wil_campaign.campaigns.setup.bench_resolution import bench_completion
 from wil_campaign.campaigns.setup.case_files import CaseFiles, case_files
 from wil_campaign.campaigns.setup.overrides import Override, override_from_option, overrides_of_case
 from wil_campaign.foundation.files.documents import (
     BadInput,
     Document,
-    Entry,
     Path,
     Problem,
-    check,
-    closest,
-    load,
+    YamlEntry,
+    check_document,
+    closest_word,
+    load_document,
 )
-from wil_campaign.foundation.files.problems import unit_of
-from wil_campaign.foundation.files.yaml_nodes import Node, Place, mapping_node
-from wil_campaign.plugins.search.exploration.constraints import Constraint, parse_constraint
+from wil_campaign.foundation.files.problems import unit_of_key
+from wil_campaign.foundation.files.yaml_nodes import YamlNode, YamlPlace, mapping_node
+from wil_campaign.plugins.search.exploration.constraints import SpaceConstraint, parse_constraint
 from wil_campaign.plugins.search.exploration.objective import (
-    Objective,
+    SearchObjective,
     fails_no_flight,
     lacks_margin,
 )
 from wil_campaign.plugins.search.exploration.search_campaign import SearchCampaign
-from wil_campaign.plugins.search.exploration.space import Parameter, Space
+from wil_campaign.plugins.search.exploration.space import SearchSpace, SpaceParameter
 from wil_campaign.plugins.search.exploration.strategies import random_point
 from wil_campaign.plugins.search.search_part import ParameterPart, ParameterValue, SearchPart
 from wil_campaign.plugins.stl.formula import StlError
@@ -48,10 +48,10 @@ from wil_campaign.plugins.stl.units import SignalKind
 _AT: Path = ("search",)
 
 
-def load_search(path: FilePath, options: Options | None = None) -> SearchCampaign:
+def load_search(path: FilePath, options: ExpansionOptions | None = None) -> SearchCampaign:
     """Return a campaign file with its search. Raises BadInput with every problem found."""
-    options = options or Options()
-    original = load(path)
+    options = options or ExpansionOptions()
+    original = load_document(path)
     if is_composition(original):
         message = "is made of campaigns; a search varies a single one: give the file of that one"
         raise BadInput([original.problem(("campaigns",), message, key=True)])
@@ -69,7 +69,7 @@ def has_search(campaign: Campaign) -> bool:
 
 def read_search(campaign: Campaign) -> SearchCampaign:
     """Return the search of a loaded campaign that has one. Raises BadInput."""
-    return _Reader(campaign, check(campaign.document, SearchPart, _AT)).read()
+    return _Reader(campaign, check_document(campaign.document, SearchPart, _AT)).read()
 
 
 class _Reader:
@@ -81,7 +81,7 @@ class _Reader:
         self._part = part
         self._options = campaign.options
         self._builds = IsolatedBuilds() if campaign.options.is_autonomy_isolated else None
-        self._complete = completion_of(next(iter(campaign.benches), None))
+        self._complete = bench_completion(next(iter(campaign.benches), None))
         self._problems: list[Problem] = []
 
     def read(self) -> SearchCampaign:
@@ -97,7 +97,7 @@ class _Reader:
         parameters = tuple(self._parameters(files, (*own, *given), document))
         self._check_objective(case)
         self._check_strategy(parameters)
-        space = Space(parameters=parameters)
+        space = SearchSpace(parameters=parameters)
         constraints = tuple(self._constraints(parameters))
         if not self._problems:
             space = replace(space, constraints=constraints)
@@ -112,7 +112,7 @@ class _Reader:
             case_overrides=own,
             option_overrides=given,
             space=space,
-            objective=Objective(oracles=self._part.oracles, scale=self._part.scale),
+            objective=SearchObjective(oracles=self._part.oracles, scale=self._part.scale),
         )
 
     def _report(self, path: Path, message: str, meant: str = "", *, key: bool = False) -> None:
@@ -126,7 +126,7 @@ class _Reader:
             return cases[0]
         if wanted in cases:
             return wanted
-        self._report(("case",), f"unknown case '{wanted}'", closest(wanted, cases))
+        self._report(("case",), f"unknown case '{wanted}'", closest_word(wanted, cases))
         return None
 
     def _check_modes(self) -> None:
@@ -150,7 +150,7 @@ class _Reader:
         for index, name in enumerate(self._part.oracles):
             path: Path = ("objective", index) if is_list else ("objective",)
             if name not in uses:
-                meant = closest(name, uses)
+                meant = closest_word(name, uses)
                 known = "" if meant else f" (the campaign has: {', '.join(uses)})"
                 self._report(path, f"unknown oracle '{name}'{known}", meant)
             elif message := lacks_margin(uses[name]) or fails_no_flight(uses[name], flying):
@@ -161,7 +161,7 @@ class _Reader:
                     ("scale", name), f"'{name}' is not an oracle of the objective", key=True
                 )
 
-    def _check_strategy(self, parameters: Sequence[Parameter]) -> None:
+    def _check_strategy(self, parameters: Sequence[SpaceParameter]) -> None:
         """Report parameters that CMA-ES cannot vary."""
         if self._part.strategy != "cma-es":
             return
@@ -172,7 +172,7 @@ class _Reader:
                 message = "cma-es varies numbers only, and these are choices; use tpe"
                 self._report(("parameters", parameter.name, "choices"), message, key=True)
 
-    def _constraints(self, parameters: Sequence[Parameter]) -> Iterator[Constraint]:
+    def _constraints(self, parameters: Sequence[SpaceParameter]) -> Iterator[SpaceConstraint]:
         """Yield the constraints; wrong ones are reported at the offset of the mistake."""
         kinds = {
             parameter.name: _kind_of(parameter)
@@ -189,7 +189,7 @@ class _Reader:
                     self._whole.problem_within(path, error.offset, message, error.suggestion)
                 )
 
-    def _check_space(self, space: Space) -> None:
+    def _check_space(self, space: SearchSpace) -> None:
         """Report constraints that no variant keeps."""
         rng = np.random.default_rng(0)
         if space.constraints and random_point(space, rng) is None and not space.listed():
@@ -200,7 +200,7 @@ class _Reader:
 
     def _parameters(
         self, files: CaseFiles, overrides: tuple[Override, ...], document: Document
-    ) -> Iterator[Parameter]:
+    ) -> Iterator[SpaceParameter]:
         """Yield the parameters; keys that no file has are reported."""
         keys: dict[str, str] = {}
         for name, part in self._part.parameters.items():
@@ -221,14 +221,14 @@ class _Reader:
         self,
         part: ParameterPart,
         key: str,
-        place: Place,
+        place: YamlPlace,
         overrides: tuple[Override, ...],
         document: Document,
     ) -> list[Problem]:
         """Return the problem of a key, if all of its values have one; not those of the case."""
         first: list[Problem] = []
         for value in _parameter("", part, None).levels:
-            override = Override(key, Entry(place, Node(value, place)))
+            override = Override(key, YamlEntry(place, YamlNode(value, place)))
             wrong: list[Problem] = []
             files, problems = case_files(document, (*overrides, override), self._complete)
             wrong += problems
@@ -264,15 +264,17 @@ def without_search(document: Document) -> Document:
     root = document.root
     if not isinstance(root.value, dict):
         return document
-    kept: Mapping[str, Entry] = {key: entry for key, entry in root.value.items() if key != "search"}
+    kept: Mapping[str, YamlEntry] = {
+        key: entry for key, entry in root.value.items() if key != "search"
+    }
     return Document(document.path, mapping_node(dict(kept), root.place))
 
 
-def _parameter(name: str, part: ParameterPart, files: CaseFiles | None) -> Parameter:
+def _parameter(name: str, part: ParameterPart, files: CaseFiles | None) -> SpaceParameter:
     """Return a parameter; its own value is that of the files. files=None: without an own value."""
     values = [_own_value(files, key) for key in part.keys] if files is not None else []
     is_one = bool(values) and all(value == values[0] for value in values)
-    return Parameter(
+    return SpaceParameter(
         name=name,
         keys=part.keys,
         low=0.0 if part.from_ is None else part.from_,
@@ -280,14 +282,14 @@ def _parameter(name: str, part: ParameterPart, files: CaseFiles | None) -> Param
         is_integer=part.integer,
         choices=tuple(part.choices or ()),
         steps=part.steps,
-        unit=unit_of(part.keys[0]).replace("_", "/", 1),
+        unit=unit_of_key(part.keys[0]).replace("_", "/", 1),
         own=values[0] if is_one else None,
     )
 
 
 def _own_value(files: CaseFiles, key: str) -> ParameterValue | None:
     """Return the value of a dotted key in the files; None where that is no single value."""
-    override = Override(key, Entry(files.campaign.root.place, files.campaign.root))
+    override = Override(key, YamlEntry(files.campaign.root.place, files.campaign.root))
     document = {"world": files.world, "recipe": files.recipe}.get(override.file, files.campaign)
     if document is None:
         return None
@@ -298,19 +300,19 @@ def _own_value(files: CaseFiles, key: str) -> ParameterValue | None:
     return value if isinstance(value, bool | int | float | str) else None
 
 
-def _is_calculable(parameter: Parameter) -> bool:
+def _is_calculable(parameter: SpaceParameter) -> bool:
     """Return whether a constraint can use a parameter: none of its values is a text."""
     return not any(isinstance(choice, str) for choice in parameter.choices)
 
 
-def _kind_of(parameter: Parameter) -> SignalKind:
+def _kind_of(parameter: SpaceParameter) -> SignalKind:
     """Return a parameter as a signal of constraints: true or false, or a number with its unit."""
     if parameter.choices and all(isinstance(choice, bool) for choice in parameter.choices):
         return SignalKind("", parameter.name)
     return SignalKind(parameter.unit or "1", parameter.name)
 
 
-def _is_at(problem: Problem, place: Place) -> bool:
+def _is_at(problem: Problem, place: YamlPlace) -> bool:
     return (problem.file, problem.line, problem.column) == (
         place.source.name,
         place.line,

@@ -94,7 +94,7 @@ class _Count:
         self.largest_share = max(self.largest_share, view.largest_share)
 
 
-def level_of(distance_m: float) -> int:
+def sensed_level_of(distance_m: float) -> int:
     """Return the level of a distance, 0 for the nearest."""
     return sum(distance_m >= edge for edge in EDGES_M)
 

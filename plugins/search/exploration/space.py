@@ -5,7 +5,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
-from wil_campaign.plugins.search.exploration.constraints import Constraint
+from wil_campaign.plugins.search.exploration.constraints import SpaceConstraint
 from wil_campaign.plugins.search.search_part import ParameterValue
 
 Values = Mapping[str, ParameterValue]
@@ -18,7 +18,7 @@ _MOST_POINTS = 100_000
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Parameter:
+class SpaceParameter:
     """A parameter of the search. choices: its values; empty for a number between low and high.
 
     keys: the dotted keys that it changes. unit: of these, "" for none. steps: number of values that
@@ -89,11 +89,11 @@ class Parameter:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Space:
+class SearchSpace:
     """The space of a search: parameters, and the constraints between them."""
 
-    parameters: tuple[Parameter, ...]
-    constraints: tuple[Constraint, ...] = ()
+    parameters: tuple[SpaceParameter, ...]
+    constraints: tuple[SpaceConstraint, ...] = ()
 
     def whole(self, values: Values) -> dict[str, ParameterValue | None]:
         """Return the value of each parameter, the campaign's own where none is given."""
@@ -106,7 +106,7 @@ class Space:
         """Return whether values keep every constraint."""
         return self.broken_constraint(values) is None
 
-    def broken_constraint(self, values: Values) -> Constraint | None:
+    def broken_constraint(self, values: Values) -> SpaceConstraint | None:
         """Return the first constraint that values break; None where they keep all."""
         whole = self.whole(values)
         return next(

@@ -9,7 +9,7 @@ from typing import Protocol
 
 import numpy as np
 
-from wil_campaign.plugins.search.exploration.space import Space, Values
+from wil_campaign.plugins.search.exploration.space import SearchSpace, Values
 from wil_campaign.plugins.search.search_part import ParameterValue, StrategyName
 
 _ATTEMPTS = 20_000
@@ -24,7 +24,7 @@ _Row = tuple[int, ...]
 
 
 @dataclass(frozen=True, slots=True)
-class Proposal:
+class StrategyProposal:
     """A proposal of a strategy. number: identifies it when its value is reported."""
 
     number: int
@@ -41,10 +41,10 @@ class MissingExtraError(Exception):
         )
 
 
-class Strategy(Protocol):
+class SearchStrategy(Protocol):
     """Proposes values, and receives the value of the objective for each."""
 
-    def ask(self) -> Proposal | None:
+    def ask(self) -> StrategyProposal | None:
         """Return the next proposal, which keeps the constraints; None when there are no more."""
 
     def tell(self, number: int, value: float | None) -> None:
@@ -57,18 +57,18 @@ class FixedStrategy:
     def __init__(self, points: Iterator[Point]) -> None:
         self._points = enumerate(points)
 
-    def ask(self) -> Proposal | None:
+    def ask(self) -> StrategyProposal | None:
         """Return the next point; None after the last."""
         following = next(self._points, None)
-        return None if following is None else Proposal(*following)
+        return None if following is None else StrategyProposal(*following)
 
     def tell(self, number: int, value: float | None) -> None:
         """Ignore the value."""
 
 
-def fixed_points(name: StrategyName, space: Space, seed: int) -> Iterator[Point]:
+def fixed_points(name: StrategyName, space: SearchSpace, seed: int) -> Iterator[Point]:
     """Return the points of a strategy that does not learn. Raises MissingExtraError."""
-    makers: dict[str, Callable[[Space, int], Iterator[Point]]] = {
+    makers: dict[str, Callable[[SearchSpace, int], Iterator[Point]]] = {
         "grid": _grid,
         "pairwise": _pairwise,
         "sobol": _sobol,
@@ -77,7 +77,7 @@ def fixed_points(name: StrategyName, space: Space, seed: int) -> Iterator[Point]
     return makers[name](space, seed)
 
 
-def random_point(space: Space, rng: np.random.Generator) -> Point | None:
+def random_point(space: SearchSpace, rng: np.random.Generator) -> Point | None:
     """Return a random admissible point; None where no attempt was admissible."""
     for _ in range(_ATTEMPTS):
         point = space.at(rng.random(len(space.parameters)).tolist())
@@ -86,14 +86,14 @@ def random_point(space: Space, rng: np.random.Generator) -> Point | None:
     return None
 
 
-def _grid(space: Space, seed: int) -> Iterator[Point]:
+def _grid(space: SearchSpace, seed: int) -> Iterator[Point]:
     """Return the grid in random order by the seed, so that a part of it covers all of the space."""
     points = list(space.grid())
     order = np.random.default_rng(seed).permutation(len(points))
     return (points[index] for index in order)
 
 
-def _pairwise(space: Space, seed: int) -> Iterator[Point]:
+def _pairwise(space: SearchSpace, seed: int) -> Iterator[Point]:
     """Return points that together contain each admissible pair of levels (greedily).
 
     covertable knows no constraints: what a row that breaks one leaves out is added after its rows.
@@ -153,14 +153,14 @@ def _added_rows(rows: Iterable[_Row], candidates: Iterable[_Row], strength: int)
             heapq.heappush(queue, (-len(new), row))
 
 
-def _sobol(space: Space, seed: int) -> Iterator[Point]:
+def _sobol(space: SearchSpace, seed: int) -> Iterator[Point]:
     from scipy.stats import qmc
 
     sequence = qmc.Sobol(len(space.parameters), rng=np.random.default_rng(seed))
     return _unseen(space, (row for _ in _forever() for row in sequence.random(_SOBOL_CHUNK)))
 
 
-def _random(space: Space, seed: int) -> Iterator[Point]:
+def _random(space: SearchSpace, seed: int) -> Iterator[Point]:
     rng = np.random.default_rng(seed)
     return _unseen(space, (rng.random(len(space.parameters)) for _ in _forever()))
 
@@ -169,7 +169,7 @@ def _forever() -> Iterator[int]:
     return iter(int, 1)
 
 
-def _unseen(space: Space, rows: Iterator[np.ndarray]) -> Iterator[Point]:
+def _unseen(space: SearchSpace, rows: Iterator[np.ndarray]) -> Iterator[Point]:
     """Yield admissible points once each; end after many in a row without one."""
     seen: set[tuple[ParameterValue, ...]] = set()
     missed = 0

@@ -8,7 +8,7 @@ from wil_campaign.plugins.search.exploration.model import FlightOutcome, Standin
 
 
 @dataclass(frozen=True, slots=True)
-class Votes:
+class VariantVotes:
     """The number of flights with PASS or FAIL, and how many of these failed.
 
     causes: the number of failures by cause, the most frequent first.
@@ -24,7 +24,7 @@ class Votes:
         return next(iter(self.causes), "")
 
 
-def votes_of(outcomes: Iterable[FlightOutcome]) -> Votes:
+def votes_of(outcomes: Iterable[FlightOutcome]) -> VariantVotes:
     """Return the votes of flights."""
     proven = [outcome for outcome in outcomes if outcome.verdict in {"PASS", "FAIL"}]
     counts = Counter(
@@ -32,10 +32,10 @@ def votes_of(outcomes: Iterable[FlightOutcome]) -> Votes:
     )
     # On a tie the first in the alphabet, so that the order of the flights does not matter.
     causes = dict(sorted(counts.items(), key=lambda item: (-item[1], item[0])))
-    return Votes(counts.total(), len(proven), causes)
+    return VariantVotes(counts.total(), len(proven), causes)
 
 
-def standing_of(votes: Votes, *, needed: int, due: int) -> Standing:
+def votes_standing(votes: VariantVotes, *, needed: int, due: int) -> Standing:
     """Return whether the votes confirm a failure. needed: failures; due: all flights.
 
     Flights without a result (INVALID, ERROR) might have failed or passed: they decide nothing. A

@@ -8,17 +8,17 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from wil_campaign.foundation.files.document_writer import write_whole
+from wil_campaign.foundation.files.document_writer import write_atomically
 from wil_campaign.orchestrator.recording.timestamps import utc_text
 from wil_campaign.orchestrator.report.rendering.page_parts import render_template
-from wil_campaign.plugins.search.exploration.coverage import SpaceCoverage, coverage_of
-from wil_campaign.plugins.search.exploration.model import Findings
+from wil_campaign.plugins.search.exploration.coverage import SpaceCoverage, space_coverage_of
+from wil_campaign.plugins.search.exploration.model import SearchFindings
 from wil_campaign.plugins.search.exploration.search_campaign import SearchCampaign
 from wil_campaign.plugins.search.exploration.sensed import SensedCoverage
-from wil_campaign.plugins.search.exploration.space import Space, Values
+from wil_campaign.plugins.search.exploration.space import SearchSpace, Values
 from wil_campaign.plugins.search.report.sensed_svg import sensed_panels
 from wil_campaign.plugins.search.report.space_svg import space_panels
-from wil_campaign.plugins.search.search_document import sensed_of, unsettled_texts
+from wil_campaign.plugins.search.search_document import sensed_coverage_of, unsettled_texts
 from wil_campaign.plugins.search.search_runner import SearchOutcome
 
 
@@ -40,7 +40,9 @@ class SearchPage:
     sensed: tuple[SensedCoverage, ...] = ()
 
 
-def render_search(page: SearchPage, space: Space, findings: Findings, *, made_utc: str) -> str:
+def render_search(
+    page: SearchPage, space: SearchSpace, findings: SearchFindings, *, made_utc: str
+) -> str:
     """Return the page of a search as HTML."""
 
     def values_text(values: Values) -> str:
@@ -75,11 +77,13 @@ def write_search_page(search: SearchCampaign, outcome: SearchOutcome) -> Path:
         exit_code=outcome.exit_code,
         unsettled=tuple(unsettled_texts(findings)),
         files=outcome.files,
-        coverage=coverage_of(
+        coverage=space_coverage_of(
             search.space, [tried_variant.variant.values for tried_variant in findings.tried]
         ),
-        sensed=sensed_of(findings),
+        sensed=sensed_coverage_of(findings),
     )
     path = outcome.folder / FILE_NAME
-    write_whole(path, render_search(page, search.space, findings, made_utc=utc_text(time.time())))
+    write_atomically(
+        path, render_search(page, search.space, findings, made_utc=utc_text(time.time()))
+    )
     return path

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from markupsafe import Markup
 
-from wil_campaign.orchestrator.report.rendering.markup import element
+from wil_campaign.orchestrator.report.rendering.markup import svg_element
 from wil_campaign.plugins.search.exploration.sensed import EDGES_M, LEVELS, SensedCoverage
 
 _WIDTH, _ROW, _LEFT, _TOP, _BOTTOM = 200.0, 22.0, 62.0, 8.0, 34.0
@@ -52,7 +52,7 @@ def _panel(one: SensedCoverage) -> Markup:
     what = one.object or "the nearest thing"
     label = f"where {one.sensor} saw {what}"
     children = [*_cells(one), *_labels()]
-    return element(
+    return svg_element(
         "svg", {"class": "space", "viewBox": box, "role": "img", "aria-label": label}, children
     )
 
@@ -70,8 +70,10 @@ def _cells(one: SensedCoverage) -> Iterator[Markup]:
                 "height": _ROW,
             }
             text = f"{count} flights, {failed} of them failed"
-            title = element("title", {}, [text])
-            yield element("rect", {"class": "cell" if count else "unexplored", **place}, [title])
+            title = svg_element("title", {}, [text])
+            yield svg_element(
+                "rect", {"class": "cell" if count else "unexplored", **place}, [title]
+            )
             if count:
                 yield _disc(place, count / one.flights, is_failed=failed > 0, title=text)
 
@@ -79,7 +81,7 @@ def _cells(one: SensedCoverage) -> Iterator[Markup]:
 def _disc(place: dict[str, float], share: float, *, is_failed: bool, title: str) -> Markup:
     """Return the disc of a seen cell; its area is proportional to the share of flights."""
     radius = max(1.5, 0.45 * _ROW * share**0.5)
-    return element(
+    return svg_element(
         "circle",
         {
             "class": "seen failed" if is_failed else "seen",
@@ -87,7 +89,7 @@ def _disc(place: dict[str, float], share: float, *, is_failed: bool, title: str)
             "cy": round(place["y"] + place["height"] / 2.0, 2),
             "r": round(radius, 2),
         },
-        [element("title", {}, [title])],
+        [svg_element("title", {}, [title])],
     )
 
 
@@ -95,11 +97,11 @@ def _labels() -> Iterator[Markup]:
     """Yield the distances between the rows, and the ends of the columns."""
     for index, edge in enumerate(EDGES_M):
         y = _TOP + _ROW * (LEVELS - 1 - index) + 4.0
-        yield element("text", {"x": _LEFT - 4, "y": y, "text-anchor": "end"}, [f"{edge:g} m"])
+        yield svg_element("text", {"x": _LEFT - 4, "y": y, "text-anchor": "end"}, [f"{edge:g} m"])
     bottom = _TOP + _ROW * LEVELS + 12.0
-    yield element("text", {"x": _LEFT, "y": bottom}, ["left"])
+    yield svg_element("text", {"x": _LEFT, "y": bottom}, ["left"])
     right = {"x": _LEFT + _WIDTH, "y": bottom, "text-anchor": "end"}
-    yield element("text", right, ["right"])
+    yield svg_element("text", right, ["right"])
     x, y = 12.0, _TOP + _ROW * LEVELS / 2
     turned = {"x": x, "y": y, "text-anchor": "middle", "transform": f"rotate(-90 {x} {y})"}
-    yield element("text", {"class": "axis-name", **turned}, ["distance"])
+    yield svg_element("text", {"class": "axis-name", **turned}, ["distance"])

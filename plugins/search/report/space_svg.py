@@ -6,18 +6,18 @@ from dataclasses import dataclass
 
 from markupsafe import Markup
 
-from wil_campaign.orchestrator.report.rendering.markup import element
+from wil_campaign.orchestrator.report.rendering.markup import svg_element
 from wil_campaign.orchestrator.report.words import number_text
 from wil_campaign.plugins.search.exploration.coverage import admissible_shares, cell_count, cell_of
-from wil_campaign.plugins.search.exploration.model import Findings, TriedVariant
-from wil_campaign.plugins.search.exploration.space import Parameter, Space
+from wil_campaign.plugins.search.exploration.model import SearchFindings, TriedVariant
+from wil_campaign.plugins.search.exploration.space import SearchSpace, SpaceParameter
 
 _SIDE, _LEFT, _TOP, _BOTTOM = 200.0, 46.0, 8.0, 34.0
 _MOST_PANELS = 15
 """The pairs of six parameters; the page leaves out more."""
 _MARK = 4.0
 
-Axis = tuple[int, Parameter]
+Axis = tuple[int, SpaceParameter]
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,7 +28,7 @@ class SpacePanel:
     svg: Markup
 
 
-def space_panels(space: Space, findings: Findings) -> list[SpacePanel]:
+def space_panels(space: SearchSpace, findings: SearchFindings) -> list[SpacePanel]:
     """Return a drawing of each pair of parameters, or of a single parameter."""
     axes = list(enumerate(space.parameters))
     pairs = list(itertools.combinations(axes, 2)) or [(axes[0], axes[0])]
@@ -43,8 +43,8 @@ def space_panels(space: Space, findings: Findings) -> list[SpacePanel]:
 
 
 def _panel(
-    space: Space,
-    findings: Findings,
+    space: SearchSpace,
+    findings: SearchFindings,
     samples: Sequence[tuple[float, ...]],
     across: Axis,
     up: Axis,
@@ -57,14 +57,14 @@ def _panel(
     ]
     box = f"0 0 {_LEFT + _SIDE + _TOP:g} {_TOP + _SIDE + _BOTTOM:g}"
     label = f"variants tried by {across[1].name} and {up[1].name}"
-    return element(
+    return svg_element(
         "svg", {"class": "space", "viewBox": box, "role": "img", "aria-label": label}, children
     )
 
 
 def _cells(
-    space: Space,
-    findings: Findings,
+    space: SearchSpace,
+    findings: SearchFindings,
     samples: Sequence[tuple[float, ...]],
     across: Axis,
     up: Axis,
@@ -85,7 +85,7 @@ def _cells(
     columns, rows = cell_count(across[1]), cell_count(up[1])
     for column, row in itertools.product(range(columns), range(rows)):
         known = "cell" if (column, row) in flown else "unexplored"
-        yield element(
+        yield svg_element(
             "rect",
             {
                 "class": known if admissible is None or (column, row) in admissible else "shut",
@@ -97,14 +97,18 @@ def _cells(
         )
 
 
-def _refused(space: Space, findings: Findings, across: Axis, up: Axis) -> Iterator[Markup]:
+def _refused(
+    space: SearchSpace, findings: SearchFindings, across: Axis, up: Axis
+) -> Iterator[Markup]:
     for variant, _ in findings.refused:
         if (shares := space.shares(variant.values)) is not None:
             x, y = _place(shares, across, up)
-            yield element("circle", {"class": "refused", "cx": x, "cy": y, "r": 1.5})
+            yield svg_element("circle", {"class": "refused", "cx": x, "cy": y, "r": 1.5})
 
 
-def _marks(space: Space, findings: Findings, across: Axis, up: Axis) -> Iterator[Markup]:
+def _marks(
+    space: SearchSpace, findings: SearchFindings, across: Axis, up: Axis
+) -> Iterator[Markup]:
     """Yield a mark of each flown variant, each failure, and the campaign's own values."""
     for tried_variant in findings.tried:
         if (shares := space.shares(tried_variant.variant.values)) is not None:
@@ -113,28 +117,28 @@ def _marks(space: Space, findings: Findings, across: Axis, up: Axis) -> Iterator
         found, smallest = space.shares(case.variant.values), space.shares(case.reduced.values)
         if found is not None:
             x, y = _place(found, across, up)
-            yield element("circle", {"class": "confirmed", "cx": x, "cy": y, "r": 2 * _MARK})
+            yield svg_element("circle", {"class": "confirmed", "cx": x, "cy": y, "r": 2 * _MARK})
         if smallest is not None:
             x, y = _place(smallest, across, up)
             corners = f"{x},{y - _MARK} {x + _MARK},{y} {x},{y + _MARK} {x - _MARK},{y}"
-            yield element("polygon", {"class": "reduced", "points": corners})
+            yield svg_element("polygon", {"class": "reduced", "points": corners})
     if (own := space.shares({})) is not None:
         x, y = _place(own, across, up)
-        yield element("path", {"class": "own", "d": f"M{x - 6},{y}h12M{x},{y - 6}v12"})
+        yield svg_element("path", {"class": "own", "d": f"M{x - 6},{y}h12M{x},{y - 6}v12"})
 
 
 def _variant_mark(tried: TriedVariant, x: float, y: float) -> Markup:
     """Return a variant's mark, by the verdicts of the last mode that flew it."""
     outcomes = list(tried.outcomes.values())[-1]
     verdicts = {outcome.verdict for outcome in outcomes}
-    title = element("title", {}, [f"{tried.variant.name}: {', '.join(sorted(verdicts))}"])
+    title = svg_element("title", {}, [f"{tried.variant.name}: {', '.join(sorted(verdicts))}"])
     if "FAIL" in verdicts:
         d = f"M{x - _MARK},{y - _MARK}l8,8M{x - _MARK},{y + _MARK}l8,-8"
-        return element("path", {"class": "fail", "d": d}, [title])
+        return svg_element("path", {"class": "fail", "d": d}, [title])
     if "PASS" in verdicts:
-        return element("circle", {"class": "pass", "cx": x, "cy": y, "r": _MARK - 1.0}, [title])
+        return svg_element("circle", {"class": "pass", "cx": x, "cy": y, "r": _MARK - 1.0}, [title])
     corner = {"x": x - 3.0, "y": y - 3.0, "width": 6.0, "height": 6.0}
-    return element("rect", {"class": "nothing", **corner}, [title])
+    return svg_element("rect", {"class": "nothing", **corner}, [title])
 
 
 def _place(shares: Sequence[float], across: Axis, up: Axis) -> tuple[float, float]:
@@ -143,29 +147,29 @@ def _place(shares: Sequence[float], across: Axis, up: Axis) -> tuple[float, floa
     return round(x, 2), round(y, 2)
 
 
-def _labels(across: Parameter, up: Parameter) -> Iterator[Markup]:
+def _labels(across: SpaceParameter, up: SpaceParameter) -> Iterator[Markup]:
     """Yield the limits and the names of both axes."""
     bottom = _TOP + _SIDE + 12.0
     low, high = _ends(across)
-    yield element("text", {"x": _LEFT, "y": bottom}, [low])
-    yield element("text", {"x": _LEFT + _SIDE, "y": bottom, "text-anchor": "end"}, [high])
+    yield svg_element("text", {"x": _LEFT, "y": bottom}, [low])
+    yield svg_element("text", {"x": _LEFT + _SIDE, "y": bottom, "text-anchor": "end"}, [high])
     middle = {"x": _LEFT + _SIDE / 2, "y": bottom + 14.0, "text-anchor": "middle"}
-    yield element("text", {"class": "axis-name", **middle}, [_axis_name(across)])
+    yield svg_element("text", {"class": "axis-name", **middle}, [_axis_name(across)])
     if up is across:
         return
     low, high = _ends(up)
-    yield element("text", {"x": _LEFT - 4, "y": _TOP + _SIDE, "text-anchor": "end"}, [low])
-    yield element("text", {"x": _LEFT - 4, "y": _TOP + 8, "text-anchor": "end"}, [high])
+    yield svg_element("text", {"x": _LEFT - 4, "y": _TOP + _SIDE, "text-anchor": "end"}, [low])
+    yield svg_element("text", {"x": _LEFT - 4, "y": _TOP + 8, "text-anchor": "end"}, [high])
     x, y = 12.0, _TOP + _SIDE / 2
     turned = {"x": x, "y": y, "text-anchor": "middle", "transform": f"rotate(-90 {x} {y})"}
-    yield element("text", {"class": "axis-name", **turned}, [_axis_name(up)])
+    yield svg_element("text", {"class": "axis-name", **turned}, [_axis_name(up)])
 
 
-def _ends(parameter: Parameter) -> tuple[str, str]:
+def _ends(parameter: SpaceParameter) -> tuple[str, str]:
     if parameter.choices:
         return str(parameter.choices[0]), str(parameter.choices[-1])
     return number_text(parameter.low), number_text(parameter.high)
 
 
-def _axis_name(parameter: Parameter) -> str:
+def _axis_name(parameter: SpaceParameter) -> str:
     return f"{parameter.name}, {parameter.unit}" if parameter.unit else parameter.name

@@ -8,7 +8,7 @@ from pathlib import Path
 from wil_campaign.foundation.files.documents import Data
 from wil_campaign.orchestrator.reading.errors import ResultsFolderError
 from wil_campaign.orchestrator.reading.model import CampaignDocuments
-from wil_campaign.orchestrator.reading.results_folder import read_campaign
+from wil_campaign.orchestrator.reading.results_folder import read_campaign_documents
 from wil_campaign.orchestrator.run_results.control_results import control_faults
 from wil_campaign.orchestrator.run_results.run_result import RunResult
 from wil_campaign.plugins.statistics.comparison.errors import ComparisonError
@@ -90,7 +90,7 @@ class FlownSet:
 
 def read_flown(folder: Path) -> FlownSet:
     """Return the flights of one results folder. Raises ResultsFolderError."""
-    return FlownSet((folder,), (read_campaign(folder),))
+    return FlownSet((folder,), (read_campaign_documents(folder),))
 
 
 def read_baseline(folder: Path, *, last: int, before: Path) -> FlownSet:
@@ -101,7 +101,7 @@ def read_baseline(folder: Path, *, last: int, before: Path) -> FlownSet:
     """
     if is_results_folder(folder) or not folder.is_dir():
         return read_flown(folder)
-    judged = read_campaign(before)
+    judged = read_campaign_documents(before)
     limit = _started(judged) or "~"
     folders = results_folders(folder)
     campaigns = [
@@ -148,7 +148,7 @@ def is_results_folder(folder: Path) -> bool:
 
 def _readable(path: Path) -> CampaignDocuments | None:
     try:
-        return read_campaign(path)
+        return read_campaign_documents(path)
     except ResultsFolderError:
         return None
 

@@ -5,21 +5,21 @@ from dataclasses import dataclass, field, replace
 from statistics import fmean
 from typing import Literal
 
-from wil_campaign.orchestrator.run_results.exit_codes import are_equal
+from wil_campaign.orchestrator.run_results.exit_codes import are_runs_equal
 from wil_campaign.orchestrator.run_results.run_result import RunResult
 from wil_campaign.plugins.statistics.comparison.errors import ComparisonError
-from wil_campaign.plugins.statistics.inference.exact_tests import Counts, fisher_exact
-from wil_campaign.plugins.statistics.inference.multiple_tests import holm
+from wil_campaign.plugins.statistics.inference.exact_tests import PassCounts, fisher_exact
+from wil_campaign.plugins.statistics.inference.multiple_tests import holm_corrected
 from wil_campaign.plugins.statistics.inference.permutation_test import permutation_p
-from wil_campaign.plugins.statistics.pass_rates import distinct, is_proven
-from wil_campaign.safety.oracles.contact import margin_beyond
+from wil_campaign.plugins.statistics.pass_rates import distinct_runs, is_proven
+from wil_campaign.safety.oracles.contact import exceeded_margin_m
 
 Outcome = Literal["worse", "not worse", "undecided"]
 Cells = Mapping[tuple[str, str], Sequence[RunResult]]
 
 
 @dataclass(frozen=True, slots=True)
-class Limits:
+class LossLimits:
     """Losses that count as worse. pass_rate: from 0 to 1; margin: in the oracle's unit.
 
     confidence: over all tests of a comparison together.
@@ -31,7 +31,7 @@ class Limits:
 
 
 @dataclass(frozen=True, slots=True)
-class Change:
+class FigureChange:
     """One figure of a case and mode, before and after. what: "pass rate", or "margin of ORACLE".
 
     before, after: pass rates, or mean margins in `unit`; is_beyond: whether the mean of each side
@@ -58,7 +58,7 @@ class Change:
 
 
 @dataclass(frozen=True, slots=True)
-class Comparison:
+class FlightComparison:
     """The changes between two sets of flights, before and after.
 
     only_before, only_after: cells as "case/mode" that the other does not have. unproven: cells
@@ -68,7 +68,7 @@ class Comparison:
     oracles that judged a shared cell before, and are gone or only reported now; as texts.
     """
 
-    changes: tuple[Change, ...]
+    changes: tuple[FigureChange, ...]
     only_before: tuple[str, ...] = ()
     only_after: tuple[str, ...] = ()
     unproven: tuple[str, ...] = ()
@@ -83,12 +83,12 @@ class Comparison:
         return bool(self.only_before or self.removed_oracles)
 
     @property
-    def worse(self) -> tuple[Change, ...]:
+    def worse(self) -> tuple[FigureChange, ...]:
         """Return what became worse."""
         return tuple(change for change in self.changes if change.outcome == "worse")
 
 
-def cells_of(runs: Iterable[RunResult]) -> dict[tuple[str, str], list[RunResult]]:
+def runs_by_cell(runs: Iterable[RunResult]) -> dict[tuple[str, str], list[RunResult]]:
     """Return the runs by case and mode, controls left out."""
     found: dict[tuple[str, str], list[RunResult]] = {}
     for run in runs:
@@ -97,7 +97,7 @@ def cells_of(runs: Iterable[RunResult]) -> dict[tuple[str, str], list[RunResult]
     return found
 
 
-def compare(before: Cells, after: Cells, limits: Limits) -> Comparison:
+def compare_flown_sets(before: Cells, after: Cells, limits: LossLimits) -> FlightComparison:
     """Return how the flights after differ from those before. Raises ComparisonError."""
     shared = [cell for cell in before if cell in after]
     if not shared:
@@ -105,7 +105,7 @@ def compare(before: Cells, after: Cells, limits: Limits) -> Comparison:
             ", ".join("/".join(one) for one in each) or "nothing" for each in (before, after)
         )
         raise ComparisonError(f"the campaigns have no case and mode in common: {had}; and {has}")
-    changes: list[Change] = []
+    changes: list[FigureChange] = []
     unproven: list[str] = []
     fewer_proven: list[str] = []
     for cell in shared:
@@ -115,7 +115,7 @@ def compare(before: Cells, after: Cells, limits: Limits) -> Comparison:
             fewer_proven += _fewer_proven(cell, before[cell], after[cell])
         else:
             unproven.append("/".join(cell))
-    return Comparison(
+    return FlightComparison(
         changes=tuple(_corrected(changes, limits)),
         only_before=tuple("/".join(cell) for cell in before if cell not in after),
         only_after=tuple("/".join(cell) for cell in after if cell not in before),
@@ -166,19 +166,19 @@ def _fewer_proven(
 
 
 def _cell_changes(
-    cell: tuple[str, str], old: Sequence[RunResult], new: Sequence[RunResult], limits: Limits
-) -> list[Change]:
+    cell: tuple[str, str], old: Sequence[RunResult], new: Sequence[RunResult], limits: LossLimits
+) -> list[FigureChange]:
     """Return the changes of a case and mode, with uncorrected p."""
-    once = [distinct(runs) for runs in (old, new)]
-    counts = [Counts(sum(run.verdict == "PASS" for run in runs), len(runs)) for runs in once]
+    once = [distinct_runs(runs) for runs in (old, new)]
+    counts = [PassCounts(sum(run.verdict == "PASS" for run in runs), len(runs)) for runs in once]
     was, now = (count.passed / count.flown for count in counts)
     flights = (len(once[0]), len(once[1]))
     p, why = _testable(old, new, was != now)
     if not why and p is None:
         p = fisher_exact(counts[1], counts[0], "less")
     what = "pass rate"
-    change = Change(*cell, what, "", was, now, flights, was - now, p, "not worse", why)
-    found = [replace(change, equal=(are_equal(old), are_equal(new)))]
+    change = FigureChange(*cell, what, "", was, now, flights, was - now, p, "not worse", why)
+    found = [replace(change, equal=(are_runs_equal(old), are_runs_equal(new)))]
     if limits.margin is None:
         return found
     margins = [_margins(runs) for runs in once]
@@ -194,7 +194,7 @@ def _cell_changes(
         if not why and p is None:
             p = permutation_p(other, values)
         found.append(
-            Change(
+            FigureChange(
                 *cell,
                 what=f"margin of {name}",
                 unit=was_kept.unit,
@@ -215,7 +215,7 @@ def _testable(
     old: Sequence[RunResult], new: Sequence[RunResult], differ: bool
 ) -> tuple[float | None, str]:
     """Return p, or why it is untestable, where the flights of a side are all equal."""
-    equal = [are_equal(runs) for runs in (old, new)]
+    equal = [are_runs_equal(runs) for runs in (old, new)]
     if all(equal):
         return (0.0 if differ else 1.0), ""
     if any(equal):
@@ -251,15 +251,15 @@ def _margins(runs: Sequence[RunResult]) -> dict[str, _Margins]:
                 continue
             if oracle.margin is not None:
                 found.setdefault(oracle.name, _Margins(oracle.unit)).known.append(oracle.margin)
-            elif (beyond := margin_beyond(oracle)) is not None:
+            elif (beyond := exceeded_margin_m(oracle)) is not None:
                 found.setdefault(oracle.name, _Margins(oracle.unit)).beyond.append(beyond)
     return found
 
 
-def _corrected(changes: Sequence[Change], limits: Limits) -> list[Change]:
+def _corrected(changes: Sequence[FigureChange], limits: LossLimits) -> list[FigureChange]:
     """Return the changes with p corrected for multiple tests, and their outcomes."""
     tested = [change.p for change in changes if change.p is not None]
-    corrected = iter(holm(tested))
+    corrected = iter(holm_corrected(tested))
     found = []
     for change in changes:
         p = None if change.p is None else next(corrected)

@@ -7,16 +7,16 @@ from markupsafe import Markup
 
 from wil_campaign.campaigns.statistics.proportions import clopper_pearson
 from wil_campaign.orchestrator.report.rendering.page_parts import render_template
-from wil_campaign.plugins.statistics.comparison.comparison import Change
+from wil_campaign.plugins.statistics.comparison.comparison import FigureChange
 from wil_campaign.plugins.statistics.comparison.settings import SettingsChanges
-from wil_campaign.plugins.statistics.rate_svg import Rate, rate_bar, rate_text
+from wil_campaign.plugins.statistics.rate_svg import DrawnRate, rate_bar, rate_text
 
 RATE = "pass rate"
 _BADGES = {"worse": "bad", "not worse": "good", "undecided": "open"}
 
 
 @dataclass(frozen=True, slots=True)
-class Linked:
+class LinkedFolder:
     """A results folder: its name, and the link to its report, empty without one."""
 
     name: str
@@ -25,7 +25,7 @@ class Linked:
 
 @dataclass(frozen=True, slots=True)
 class _Row:
-    change: Change
+    change: FigureChange
     badge: str
     before: str
     after: str
@@ -33,13 +33,13 @@ class _Row:
 
 
 def render_comparison(
-    changes: Sequence[Change],
+    changes: Sequence[FigureChange],
     settings: SettingsChanges,
     *,
     conclusion: str,
     sentences: Sequence[str],
-    before: Sequence[Linked],
-    after: Linked,
+    before: Sequence[LinkedFolder],
+    after: LinkedFolder,
     made_utc: str,
 ) -> str:
     """Return the page as HTML. sentences: what else is to say, one point each."""
@@ -57,11 +57,11 @@ def render_comparison(
     )
 
 
-def _row(change: Change) -> _Row:
+def _row(change: FigureChange) -> _Row:
     badge = _BADGES[change.outcome]
     if change.what == RATE:
         rates = [
-            Rate(passed, flown, None if equal else clopper_pearson(passed, flown))
+            DrawnRate(passed, flown, None if equal else clopper_pearson(passed, flown))
             for share, flown, equal in zip(
                 (change.before, change.after), change.flights, change.equal, strict=True
             )

@@ -8,8 +8,14 @@ from wil_campaign.plugins.statistics.comparison.baseline import (
     read_baseline,
     read_flown,
 )
-from wil_campaign.plugins.statistics.comparison.comparison import Comparison, Limits, cells_of
-from wil_campaign.plugins.statistics.comparison.comparison import compare as compare_flights
+from wil_campaign.plugins.statistics.comparison.comparison import (
+    FlightComparison,
+    LossLimits,
+    runs_by_cell,
+)
+from wil_campaign.plugins.statistics.comparison.comparison import (
+    compare_flown_sets as compare_flights,
+)
 from wil_campaign.plugins.statistics.comparison.settings import (
     SettingsChanges,
     firmware_changes_since,
@@ -25,7 +31,7 @@ class FolderComparison:
     of controls that only the baseline has. settings: how limits, worlds, files and firmware differ.
     """
 
-    found: Comparison
+    found: FlightComparison
     baseline: FlownSet
     judged: FlownSet
     removed_controls: tuple[str, ...]
@@ -82,8 +88,8 @@ def compare(
         raise ValueError("margin_by is larger than 0")
     judged = read_flown(Path(after))
     baseline = read_baseline(Path(before), last=last, before=Path(after))
-    limits = Limits(worse_by, margin_by, confidence)
-    found = compare_flights(cells_of(baseline.runs), cells_of(judged.runs), limits)
+    limits = LossLimits(worse_by, margin_by, confidence)
+    found = compare_flights(runs_by_cell(baseline.runs), runs_by_cell(judged.runs), limits)
     gone = tuple(control for control in baseline.controls if control not in judged.controls)
     return FolderComparison(found, baseline, judged, gone, _settings(baseline, judged))
 

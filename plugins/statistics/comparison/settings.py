@@ -11,12 +11,12 @@ from pathlib import PurePath
 from typing import Any
 
 from wil_campaign.orchestrator.campaign.folder.manifest_changes import (
-    changed_keys,
+    changed_manifest_keys,
     changed_options,
     changed_plugins,
-    shortened,
+    shortened_text,
 )
-from wil_campaign.orchestrator.run_results.result_parts import distinct, firmware_changes
+from wil_campaign.orchestrator.run_results.result_parts import distinct_firmware, firmware_changes
 from wil_campaign.orchestrator.run_results.run_result import RunResult
 
 _NO_SETTINGS = frozenset(
@@ -57,7 +57,7 @@ class SettingsChanges:
         )
 
 
-def settings_of(manifest: Mapping[str, Any]) -> dict[str, Any]:
+def manifest_settings(manifest: Mapping[str, Any]) -> dict[str, Any]:
     """Return what of a manifest are settings of its test: equal for campaigns that compare."""
     options = _mapping(manifest, "options")
     return {
@@ -103,7 +103,9 @@ def firmware_changes_since(
     }
     for folder, runs in before.items():
         place = f"{folder}: " if len(before) > 1 else ""
-        for was in distinct(flown_firmware for run in runs for flown_firmware in run.firmware):
+        for was in distinct_firmware(
+            flown_firmware for run in runs for flown_firmware in run.firmware
+        ):
             if (present := flown_now.get(was.vehicle)) is None:
                 continue
             kind, unit = firmware_changes(was, present)
@@ -115,10 +117,10 @@ def firmware_changes_since(
 def _differences(before: Mapping[str, Any], now: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     """Yield the kind and the text of each difference between two manifests."""
     old, new = (_mapping(one, "document") for one in (before, now))
-    for key, was, present in changed_keys(old, new):
+    for key, was, present in changed_manifest_keys(old, new):
         names = key.split(".")
         if names[0] not in _NO_SETTINGS:
-            text = f"{key} was {shortened(was)}, now it is {shortened(present)}"
+            text = f"{key} was {shortened_text(was)}, now it is {shortened_text(present)}"
             yield _kind(names, is_added=was == "null", is_removed=present == "null"), text
     yield from _file_differences(before, now)
     for text in changed_options(before, {**now, "document": new}):

@@ -4,19 +4,19 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from wil_campaign.orchestrator.reading.model import RunEntry
-from wil_campaign.plugins.statistics.gap.gap import Gap, measure_gap
+from wil_campaign.plugins.statistics.gap.gap import CampaignGap, measure_gap
 from wil_campaign.plugins.statistics.gap.motion import MotionError, RunMotion, read_motion
 from wil_campaign.plugins.statistics.pass_rates import is_proven
 
 
-def read_gap(folder: Path, entries: Iterable[RunEntry]) -> Gap:
+def read_gap(folder: Path, entries: Iterable[RunEntry]) -> CampaignGap:
     """Return the gap of a campaign's runs, with the runs that cannot be compared.
 
     Empty for a campaign that did not fly reality and another mode.
     """
     runs = [entry for entry in entries if entry.result is not None and entry.result.control is None]
     if "real" not in (modes := {entry.mode for entry in runs}) or len(modes) == 1:
-        return Gap()
+        return CampaignGap()
     flights: dict[tuple[str, str], list[RunMotion]] = {}
     left_out: list[str] = []
     for entry in runs:

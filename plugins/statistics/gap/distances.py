@@ -7,8 +7,8 @@ from itertools import combinations
 
 import numpy as np
 
-from wil_campaign.campaigns.statistics.proportions import Interval
-from wil_campaign.plugins.statistics.gap.measures import Measure
+from wil_campaign.campaigns.statistics.proportions import RateInterval
+from wil_campaign.plugins.statistics.gap.measures import FlightMeasure
 from wil_campaign.plugins.statistics.gap.motion import RunMotion
 from wil_campaign.plugins.statistics.gap.trajectory_distances import IntArray
 from wil_campaign.worlds.jit import F64
@@ -48,7 +48,7 @@ class CaseDistances:
         return float(found.sum() / (len(found) * (len(found) - 1)))
 
 
-def case_distances(flights: Flights, case: str, measure: Measure) -> CaseDistances:
+def case_distances(flights: Flights, case: str, measure: FlightMeasure) -> CaseDistances:
     """Return the distances of a case by a measure."""
     given = {mode: tuple(flights.get((case, mode), ())) for mode in MODES}
     return CaseDistances(
@@ -62,14 +62,16 @@ def case_distances(flights: Flights, case: str, measure: Measure) -> CaseDistanc
     )
 
 
-def _between(real: Sequence[RunMotion], other: Sequence[RunMotion], measure: Measure) -> F64 | None:
+def _between(
+    real: Sequence[RunMotion], other: Sequence[RunMotion], measure: FlightMeasure
+) -> F64 | None:
     rows = [[measure.between(run_motion, each) for each in other] for run_motion in real]
     if not real or not other or any(value is None for row in rows for value in row):
         return None
     return _rounded(np.array(rows, np.float64))
 
 
-def _within(motions: Sequence[RunMotion], measure: Measure) -> F64 | None:
+def _within(motions: Sequence[RunMotion], measure: FlightMeasure) -> F64 | None:
     found = np.zeros((len(motions), len(motions)))
     for (i, run_motion), (j, other) in combinations(enumerate(motions), 2):
         distance = measure.between(run_motion, other)
@@ -90,7 +92,7 @@ def mean_of_cases(values: Sequence[float | None]) -> float | None:
     return sum(known) / len(known) if known and len(known) == len(values) else None
 
 
-def is_nearer(interval: Interval | None) -> bool | None:
+def is_nearer(interval: RateInterval | None) -> bool | None:
     """Return whether an interval is above 0; None where it contains 0, or without one."""
     if interval is None:
         return None

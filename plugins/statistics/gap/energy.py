@@ -13,14 +13,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from wil_campaign.campaigns.statistics.proportions import Interval
+from wil_campaign.campaigns.statistics.proportions import RateInterval
 from wil_campaign.plugins.statistics.gap.distances import (
     MODES,
     CaseDistances,
     is_nearer,
     mean_of_cases,
 )
-from wil_campaign.plugins.statistics.gap.measures import Measure, Part
+from wil_campaign.plugins.statistics.gap.measures import FlightMeasure, Part
 from wil_campaign.plugins.statistics.gap.trajectory_distances import IntArray
 from wil_campaign.plugins.statistics.inference.bootstrap import Statistic, bootstrap_interval
 from wil_campaign.worlds.jit import F64
@@ -49,11 +49,13 @@ class EnergyFigure:
     sim: float | None
     wil: float | None
     nearer_by: float | None
-    nearer_interval: Interval | None
+    nearer_interval: RateInterval | None
     holds: bool | None
 
 
-def energy_figure(case: str, measure: Measure, parts: Sequence[CaseDistances]) -> EnergyFigure:
+def energy_figure(
+    case: str, measure: FlightMeasure, parts: Sequence[CaseDistances]
+) -> EnergyFigure:
     """Return the figure over the parts: one case, or several with equal weights."""
     within = {mode: mean_of_cases([part.mean_within(mode) for part in parts]) for mode in MODES}
     sim, wil = (_observed(parts, mode) for mode in ("sim", "wil"))

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from wil_campaign.campaigns.statistics.proportions import Interval
+from wil_campaign.campaigns.statistics.proportions import RateInterval
 from wil_campaign.plugins.statistics.gap.distances import (
     CaseDistances,
     Flights,
@@ -19,7 +19,7 @@ from wil_campaign.plugins.statistics.gap.distances import (
     mean_of_cases,
 )
 from wil_campaign.plugins.statistics.gap.energy import EnergyFigure, energy_figure
-from wil_campaign.plugins.statistics.gap.measures import MEASURES, Measure, Part
+from wil_campaign.plugins.statistics.gap.measures import MEASURES, FlightMeasure, Part
 from wil_campaign.plugins.statistics.inference.bootstrap import Statistic, bootstrap_interval
 from wil_campaign.worlds.jit import F64
 
@@ -45,15 +45,15 @@ class GapFigure:
     real_to_wil: float | None
     real_to_real: float | None
     closed_percent: float | None
-    closed_interval: Interval | None
+    closed_interval: RateInterval | None
     nearer_by: float | None
-    nearer_interval: Interval | None
+    nearer_interval: RateInterval | None
     holds: bool | None
     basis: str
 
 
 @dataclass(frozen=True, slots=True)
-class Gap:
+class CampaignGap:
     """The gap of a campaign. flights: their number by case and mode, as "small/wil".
 
     energies: the same figures as energy distances. left_out: runs that could not be compared, and
@@ -66,7 +66,7 @@ class Gap:
     left_out: tuple[str, ...] = ()
 
 
-def measure_gap(flights: Flights, left_out: Iterable[str] = ()) -> Gap:
+def measure_gap(flights: Flights, left_out: Iterable[str] = ()) -> CampaignGap:
     """Return the gap of each case with reality and another mode, and of all complete cases."""
     cases = [
         case
@@ -88,10 +88,10 @@ def measure_gap(flights: Flights, left_out: Iterable[str] = ()) -> Gap:
             figures.append(_figure(ALL_CASES, measure, found))
             energies.append(energy_figure(ALL_CASES, measure, found))
     counts = {f"{case}/{mode}": len(motions) for (case, mode), motions in flights.items()}
-    return Gap(tuple(figures), tuple(energies), counts, tuple(left_out))
+    return CampaignGap(tuple(figures), tuple(energies), counts, tuple(left_out))
 
 
-def _figure(case: str, measure: Measure, parts: Sequence[CaseDistances]) -> GapFigure:
+def _figure(case: str, measure: FlightMeasure, parts: Sequence[CaseDistances]) -> GapFigure:
     """Return the figure over the parts: one case, or several with equal weights."""
     sim = mean_of_cases([None if part.sim is None else float(part.sim.mean()) for part in parts])
     wil = mean_of_cases([None if part.wil is None else float(part.wil.mean()) for part in parts])
@@ -121,7 +121,9 @@ def _figure(case: str, measure: Measure, parts: Sequence[CaseDistances]) -> GapF
     )
 
 
-def _basis(parts: Sequence[CaseDistances], nearer: float | None, interval: Interval | None) -> str:
+def _basis(
+    parts: Sequence[CaseDistances], nearer: float | None, interval: RateInterval | None
+) -> str:
     """Return the number of flights behind a figure, and why it has no interval."""
     real, sim, wil = (sum(part.sizes[place] for part in parts) for place in range(3))
     counted = f"{real} real, {sim} sim, {wil} wil"

@@ -15,9 +15,9 @@ import numpy as np
 
 from wil_campaign.plugins.statistics.gap.motion import RunMotion
 from wil_campaign.plugins.statistics.gap.trajectory_distances import (
-    alignment,
-    dtw_m,
-    frechet_m,
+    cheapest_alignment,
+    dtw_distance_m,
+    frechet_distance_m,
     time_aligned_rmse_m,
 )
 from wil_campaign.worlds.jit import F64
@@ -26,7 +26,7 @@ Part = Literal["behaviour", "perception", "actuation"]
 
 
 @dataclass(frozen=True, slots=True)
-class Measure:
+class FlightMeasure:
     """A distance between two flights. between: None where a flight did not record it."""
 
     name: str
@@ -48,36 +48,36 @@ def _rms_along(one: RunMotion, other: RunMotion, first: F64, second: F64) -> flo
     """Return the root mean square difference of two quantities at matching places."""
     if not one.kind or one.kind != other.kind:
         return None
-    places, others = alignment(one.positions_ned_m, other.positions_ned_m)
+    places, others = cheapest_alignment(one.positions_ned_m, other.positions_ned_m)
     return float(np.sqrt(np.mean(np.sum((first[places] - second[others]) ** 2, axis=1))))
 
 
 MEASURES = (
-    Measure(
+    FlightMeasure(
         "dtw",
         "behaviour",
         "mean distance of aligned paths, m (dynamic time warping)",
-        lambda one, other: dtw_m(one.positions_ned_m, other.positions_ned_m),
+        lambda one, other: dtw_distance_m(one.positions_ned_m, other.positions_ned_m),
     ),
-    Measure(
+    FlightMeasure(
         "frechet",
         "behaviour",
         "largest distance of aligned paths, m (discrete Frechet)",
-        lambda one, other: frechet_m(one.positions_ned_m, other.positions_ned_m),
+        lambda one, other: frechet_distance_m(one.positions_ned_m, other.positions_ned_m),
     ),
-    Measure(
+    FlightMeasure(
         "rmse",
         "behaviour",
         "root mean square distance at equal times, m",
         lambda one, other: time_aligned_rmse_m(one.positions_ned_m, other.positions_ned_m),
     ),
-    Measure(
+    FlightMeasure(
         "commands",
         "perception",
         "difference of the autonomy's commands at matching places, m/s or m",
         _command_difference,
     ),
-    Measure(
+    FlightMeasure(
         "answers",
         "actuation",
         "difference of the vehicle's response to its commands, m/s or m",

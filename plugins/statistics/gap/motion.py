@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from wil_campaign.orchestrator.reading.judged_motion import read_judged_motion
-from wil_campaign.orchestrator.reading.model import Commanded
+from wil_campaign.orchestrator.reading.model import CommandedState
 from wil_campaign.orchestrator.reading.trajectory_file import read_trajectory
 from wil_campaign.worlds.frames import Pose
 from wil_campaign.worlds.jit import F64
@@ -58,7 +58,7 @@ def read_motion(folder: Path, vehicle: str, seed: int) -> RunMotion:
     return RunMotion(_positions(poses, times), kind, commands, answers, seed)
 
 
-def _rows(path: Path, vehicle: str, end_s: float) -> list[Commanded]:
+def _rows(path: Path, vehicle: str, end_s: float) -> list[CommandedState]:
     """Return a vehicle's rows of a trajectory; empty without the file. Raises MotionError.
 
     A damaged one is refused: its last row before the damage would stand for all that are missing.
@@ -93,7 +93,7 @@ def _positions(poses: Sequence[tuple[float, Pose]], times: F64) -> F64:
     return np.stack([np.interp(times, stamps, places[:, axis]) for axis in range(3)], axis=1)
 
 
-def _commands(rows: Sequence[Commanded], times: F64) -> tuple[str, F64, F64]:
+def _commands(rows: Sequence[CommandedState], times: F64) -> tuple[str, F64, F64]:
     """Return kind, commands and answers: the newest row at each time."""
     nothing = np.zeros((0, 3))
     stamps = [row.t_s for row in rows]

@@ -9,7 +9,7 @@ alignment needs. Both ignore when something was done; the root mean square at eq
 import numpy as np
 from numpy.typing import NDArray
 
-from wil_campaign.worlds.jit import F64, compiled
+from wil_campaign.worlds.jit import F64, jit_compiled
 
 IntArray = NDArray[np.int64]
 
@@ -21,19 +21,19 @@ def time_aligned_rmse_m(one: F64, other: F64) -> float:
     return float(np.sqrt(np.mean(np.sum(apart**2, axis=1))))
 
 
-def dtw_m(one: F64, other: F64) -> float:
+def dtw_distance_m(one: F64, other: F64) -> float:
     """Return the mean distance along the cheapest alignment."""
-    first, second = alignment(one, other)
+    first, second = cheapest_alignment(one, other)
     return float(np.mean(np.linalg.norm(one[first] - other[second], axis=1)))
 
 
-def alignment(one: F64, other: F64) -> tuple[IntArray, IntArray]:
+def cheapest_alignment(one: F64, other: F64) -> tuple[IntArray, IntArray]:
     """Return the cheapest alignment: which samples of both are matched, in order."""
     path = _cheapest_path(np.ascontiguousarray(one), np.ascontiguousarray(other))
     return path[:, 0], path[:, 1]
 
 
-def frechet_m(one: F64, other: F64) -> float:
+def frechet_distance_m(one: F64, other: F64) -> float:
     """Return the discrete Frechet distance."""
     return float(_frechet(np.ascontiguousarray(one), np.ascontiguousarray(other)))
 
@@ -43,7 +43,7 @@ def _extended(positions_m: F64, count: int) -> F64:
     return np.concatenate([positions_m, np.repeat(positions_m[-1:], count - len(positions_m), 0)])
 
 
-@compiled
+@jit_compiled
 def _cheapest_path(one: F64, other: F64) -> IntArray:
     """Return the pairs (steps, 2) of the alignment with the least sum of distances."""
     rows, columns = one.shape[0], other.shape[0]
@@ -71,7 +71,7 @@ def _cheapest_path(one: F64, other: F64) -> IntArray:
     return path[:count][::-1].copy()
 
 
-@compiled
+@jit_compiled
 def _frechet(one: F64, other: F64) -> float:
     """Return the discrete Frechet distance of positions, row by row."""
     rows, columns = one.shape[0], other.shape[0]

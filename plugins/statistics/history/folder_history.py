@@ -5,24 +5,24 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from wil_campaign.foundation.files.document_writer import write_whole
+from wil_campaign.foundation.files.document_writer import write_atomically
 from wil_campaign.orchestrator.reading.errors import ResultsFolderError
-from wil_campaign.orchestrator.reading.results_folder import read_campaign
+from wil_campaign.orchestrator.reading.results_folder import read_campaign_documents
 from wil_campaign.orchestrator.recording.timestamps import utc_text
 from wil_campaign.plugins.statistics.comparison.baseline import results_folders
 from wil_campaign.plugins.statistics.history.history import (
     HistoryRow,
-    Variation,
+    VerdictVariation,
     history_rows,
-    variations,
+    verdict_variations,
 )
 from wil_campaign.plugins.statistics.history.history_page import render_history
 from wil_campaign.plugins.statistics.history.records import (
     FlightRecord,
     append_records,
-    latest,
+    flight_records_of,
+    latest_records,
     read_records,
-    records_of,
 )
 from wil_campaign.plugins.statistics.report_links import REPORT, link_from
 
@@ -36,7 +36,7 @@ class History:
     """
 
     rows: tuple[HistoryRow, ...]
-    variations: tuple[Variation, ...]
+    variations: tuple[VerdictVariation, ...]
     problems: tuple[str, ...]
     reports: Mapping[tuple[str, str], Path] = field(default_factory=dict)
 
@@ -45,7 +45,7 @@ class History:
         links = {key: link_from(path, report) for key, report in self.reports.items()}
         made_utc = utc_text(time.time())
         page = render_history(self.rows, self.variations, reports=links, made_utc=made_utc)
-        write_whole(Path(path), page)
+        write_atomically(Path(path), page)
 
 
 def history(
@@ -62,18 +62,18 @@ def history(
     known = read_records(Path(keep)) if keep is not None else []
     before = set(known)  # also earlier lines: an old copy of a folder is no news
     reports: dict[tuple[str, str], Path] = {}
-    read = latest(_read(map(Path, folders), problems, reports))
+    read = latest_records(_read(map(Path, folders), problems, reports))
     new = [flight_record for flight_record in read if flight_record not in before]
     if keep is not None:
         append_records(Path(keep), new)
     records = [
         flight_record
-        for flight_record in latest([*known, *new])
+        for flight_record in latest_records([*known, *new])
         if campaign in {None, flight_record.campaign}
     ]
     if not records:
         problems.append(f"no flights of a campaign in {_names(folders)}")
-    rows, varied = tuple(history_rows(records)), tuple(variations(records))
+    rows, varied = tuple(history_rows(records)), tuple(verdict_variations(records))
     return History(rows, varied, tuple(problems), reports)
 
 
@@ -95,7 +95,7 @@ def _read(
             continue
         for path in results_folders(folder):
             try:
-                documents = read_campaign(path)
+                documents = read_campaign_documents(path)
             except ResultsFolderError as error:
                 problems.append(str(error))
                 continue
@@ -104,7 +104,7 @@ def _read(
             summary = documents.summary
             if summary is not None and (summary.stopped or summary.broken):
                 problems.append(f"{path}: {summary.ending}")
-            records = list(records_of(documents))
+            records = list(flight_records_of(documents))
             found += records
             if records and (path / REPORT).is_file():
                 reports[(records[0].campaign, records[0].started_utc)] = path / REPORT

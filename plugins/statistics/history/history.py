@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from statistics import median
 from typing import Literal
 
-from wil_campaign.campaigns.statistics.proportions import Interval, clopper_pearson
+from wil_campaign.campaigns.statistics.proportions import RateInterval, clopper_pearson
 from wil_campaign.plugins.statistics.history.records import FlightRecord
 
 Kind = Literal["flaky", "stochastic"]
@@ -32,7 +32,7 @@ class HistoryRow:
     passed: int
     flown: int
     unproven: int
-    interval: Interval | None
+    interval: RateInterval | None
     margin: float | None
     duration_s: float | None
     ending: str | None
@@ -43,7 +43,7 @@ class HistoryRow:
 
 
 @dataclass(frozen=True, slots=True)
-class Variation:
+class VerdictVariation:
     """Flights of a case and mode with the same inputs and different verdicts.
 
     flaky: under one seed of the virtual clock, which must repeat: a defect of program or test.
@@ -85,7 +85,7 @@ def _line_of(row: HistoryRow) -> tuple[str, str, str]:
     return (row.campaign, row.case, row.mode)
 
 
-def variations(records: Iterable[FlightRecord]) -> list[Variation]:
+def verdict_variations(records: Iterable[FlightRecord]) -> list[VerdictVariation]:
     """Return flights that varied under the same inputs: flaky first.
 
     Under any clock but the virtual one a seed does not repeat a flight, so nothing is flaky.
@@ -129,7 +129,7 @@ def _row(group: Sequence[FlightRecord]) -> HistoryRow:
     )
 
 
-def _variations_of(group: Sequence[FlightRecord]) -> list[Variation]:
+def _variations_of(group: Sequence[FlightRecord]) -> list[VerdictVariation]:
     first = group[0]
     by_seed: dict[int, list[FlightRecord]] = {}
     for flight_record in group:
@@ -140,12 +140,12 @@ def _variations_of(group: Sequence[FlightRecord]) -> list[Variation]:
     if first.clock == "virtual":
         for seed, runs in torn.items():
             verdicts = ", ".join(f"{run.verdict} in {run.started_utc} #{run.rep}" for run in runs)
-            found.append(Variation("flaky", *named, f"seed {seed}: {verdicts}"))
+            found.append(VerdictVariation("flaky", *named, f"seed {seed}: {verdicts}"))
     settled = {runs[0].verdict for seed, runs in by_seed.items() if seed not in torn}
     if len(settled) > 1 or (torn and first.clock != "virtual"):
         passed = sum(flight_record.verdict == "PASS" for flight_record in group)
         text = f"{passed} of {len(group)} flights passed, over {len(by_seed)} seeds"
         if torn and first.clock != "virtual":
             text += f"; under the {first.clock} clock a seed does not repeat a flight"
-        found.append(Variation("stochastic", *named, text))
+        found.append(VerdictVariation("stochastic", *named, text))
     return found

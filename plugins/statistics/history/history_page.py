@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from markupsafe import Markup
 
 from wil_campaign.orchestrator.report.rendering.page_parts import render_template
-from wil_campaign.plugins.statistics.history.history import HistoryRow, Variation
-from wil_campaign.plugins.statistics.rate_svg import Rate, rate_series
+from wil_campaign.plugins.statistics.history.history import HistoryRow, VerdictVariation
+from wil_campaign.plugins.statistics.rate_svg import DrawnRate, rate_series
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,7 +19,7 @@ class _Series:
 
 def render_history(
     rows: Sequence[HistoryRow],
-    variations: Sequence[Variation],
+    variations: Sequence[VerdictVariation],
     *,
     reports: Mapping[tuple[str, str], str],
     made_utc: str,
@@ -42,6 +42,6 @@ def render_history(
     )
 
 
-def _rate(row: HistoryRow) -> Rate:
+def _rate(row: HistoryRow) -> DrawnRate:
     is_changed = row.is_other or row.other_firmware
-    return Rate(row.passed, row.flown, row.interval, is_changed)
+    return DrawnRate(row.passed, row.flown, row.interval, is_changed)

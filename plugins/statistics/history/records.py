@@ -16,7 +16,7 @@ from pydantic import TypeAdapter, ValidationError
 from wil_campaign.orchestrator.reading.model import CampaignDocuments, RunEntry
 from wil_campaign.orchestrator.run_results.result_parts import FlownFirmware
 from wil_campaign.orchestrator.run_results.run_result import RunResult, tightest_oracle
-from wil_campaign.plugins.statistics.comparison.settings import settings_of
+from wil_campaign.plugins.statistics.comparison.settings import manifest_settings
 
 _MOST_BYTES = 256 * 1024 * 1024
 
@@ -60,7 +60,7 @@ class HistoryFileError(Exception):
     """A history file cannot be read or written; the message says which and why."""
 
 
-def records_of(documents: CampaignDocuments) -> Iterator[FlightRecord]:
+def flight_records_of(documents: CampaignDocuments) -> Iterator[FlightRecord]:
     """Yield the flights of a results folder; controls and runs without a result are left out."""
     manifest = documents.manifest
     versions = manifest.get("versions")
@@ -80,7 +80,7 @@ def records_of(documents: CampaignDocuments) -> Iterator[FlightRecord]:
             rep=entry.rep,
             seed=entry.result.seed,
             inputs=_inputs(documents, entry),
-            settings=_digest(settings_of(manifest)),
+            settings=_digest(manifest_settings(manifest)),
             verdict=entry.result.verdict,
             margin=_smallest_margin(entry.result),
             duration_s=entry.result.duration_s,
@@ -127,7 +127,7 @@ def append_records(path: Path, records: Iterable[FlightRecord]) -> None:
         raise HistoryFileError(f"{path} cannot be written: {error.strerror or error}") from error
 
 
-def latest(records: Iterable[FlightRecord]) -> list[FlightRecord]:
+def latest_records(records: Iterable[FlightRecord]) -> list[FlightRecord]:
     """Return the last record of each flight, in the order of these."""
     found: dict[tuple[str, ...], FlightRecord] = {}
     for record in records:

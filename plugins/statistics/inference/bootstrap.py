@@ -10,7 +10,7 @@ from statistics import NormalDist
 import numpy as np
 from numpy.typing import NDArray
 
-from wil_campaign.campaigns.statistics.proportions import Interval
+from wil_campaign.campaigns.statistics.proportions import RateInterval
 
 F64 = NDArray[np.float64]
 Statistic = Callable[[Sequence[F64]], F64]
@@ -27,7 +27,7 @@ def bootstrap_interval(
     seed: int,
     confidence: float = 0.95,
     resamples: int = RESAMPLES,
-) -> Interval | None:
+) -> RateInterval | None:
     """Return the interval of a statistic over samples of so many runs each.
 
     None where it has no spread (equal runs, a single run in each sample) or no finite value: a
@@ -50,7 +50,7 @@ def bootstrap_interval(
         moved = bias + _NORMAL.inv_cdf(share)
         level = _NORMAL.cdf(bias + moved / (1.0 - acceleration * moved))
         ends.append(float(np.quantile(values, level)))
-    return Interval(min(ends), max(ends), confidence)
+    return RateInterval(min(ends), max(ends), confidence)
 
 
 def _acceleration(sizes: Sequence[int], statistic: Statistic) -> float:

@@ -23,7 +23,7 @@ Alternative = Literal["two-sided", "less"]
 
 
 @dataclass(frozen=True, slots=True)
-class Counts:
+class PassCounts:
     """Passes and flights of one sample."""
 
     passed: int
@@ -34,11 +34,13 @@ class Counts:
             raise ValueError(f"{self.passed} of {self.flown} is not a count of passes")
 
 
-Table = tuple[Counts, Counts]
+Table = tuple[PassCounts, PassCounts]
 """Two samples of one stratum."""
 
 
-def fisher_exact(first: Counts, second: Counts, alternative: Alternative = "two-sided") -> float:
+def fisher_exact(
+    first: PassCounts, second: PassCounts, alternative: Alternative = "two-sided"
+) -> float:
     """Return Fisher's p. less: that the first sample's pass rate is below the second's."""
     return stratified_exact([(first, second)], alternative)
 
@@ -81,7 +83,9 @@ def stratified_rounded(tables: Iterable[Table]) -> float:
     return min(1.0, float(chosen.sum() / shares.sum()))
 
 
-def _hypergeometric_shares(first: Counts, second: Counts) -> tuple[int, NDArray[np.float64]]:
+def _hypergeometric_shares(
+    first: PassCounts, second: PassCounts
+) -> tuple[int, NDArray[np.float64]]:
     """Return the probability of each number of passes of the first sample, and the least number.
 
     Improbable numbers at both ends are left out.
@@ -99,7 +103,7 @@ def _hypergeometric_shares(first: Counts, second: Counts) -> tuple[int, NDArray[
     return least + int(kept[0]), shares[kept[0] : kept[-1] + 1]
 
 
-def _hypergeometric(first: Counts, second: Counts) -> list[int]:
+def _hypergeometric(first: PassCounts, second: PassCounts) -> list[int]:
     """Return the weight of each number of passes of the first sample, from the least possible."""
     passed = first.passed + second.passed
     least, most = max(0, passed - second.flown), min(first.flown, passed)

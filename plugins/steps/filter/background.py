@@ -10,7 +10,7 @@ from pydantic import Field, model_validator
 from wil_campaign.foundation.files.documents import KeyFaultError
 from wil_campaign.foundation.files.images import ImageError, read_image
 from wil_campaign.foundation.files.paths import is_file
-from wil_campaign.recipes.model.registry import Context, ParameterFault, SidedParameters, step
+from wil_campaign.recipes.model.registry import ParameterFault, SidedParameters, StepContext, step
 from wil_campaign.recipes.operations.masks import intersect_masks
 from wil_campaign.recipes.working import AnyMasked, CannotMixError, Masked, Operator
 from wil_campaign.vehicles.readings import BgrImage, CameraReading, Mask
@@ -70,7 +70,7 @@ def _unreadable_fault(path: FilePath) -> str:
     sensors=("camera",),
     parameters=SubtractBackgroundParameters,
 )
-def subtract_background(parameters: SubtractBackgroundParameters, context: Context) -> Operator:
+def subtract_background(parameters: SubtractBackgroundParameters, context: StepContext) -> Operator:
     """Keep pixels that differ from the background, which is learned or given as an image.
 
     image_bgr (height, width, 3) uint8. Learning: OpenCV's MOG2 (Zivkovic 2004) or KNN; shadows

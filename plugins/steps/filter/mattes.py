@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from wil_campaign.recipes.model.registry import Context, SidedParameters, step
+from wil_campaign.recipes.model.registry import SidedParameters, StepContext, step
 from wil_campaign.recipes.working import AnyMasked, Masked, Operator
 from wil_campaign.vehicles.readings import BgrImage, CameraReading, Mask
 
@@ -30,7 +30,7 @@ class MatteParameters(SidedParameters):
 
 
 @step("matte", stage="filter", sensors=("camera",), parameters=MatteParameters)
-def matte(parameters: MatteParameters, context: Context) -> Operator:  # noqa: ARG001 - the interface of steps
+def matte(parameters: MatteParameters, context: StepContext) -> Operator:  # noqa: ARG001 - the interface of steps
     """Measure how much of each edge pixel the kept part covers, and take the background out of it.
 
     For images whose edges are blended with their background, after an isolation. image_bgr (h, w,

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, field_validator
 
-from wil_campaign.recipes.model.registry import Context, SidedParameters, step
+from wil_campaign.recipes.model.registry import SidedParameters, StepContext, step
 from wil_campaign.recipes.operations.masks import narrow_mask
 from wil_campaign.recipes.working import AnyMasked, Masked, Operator
 from wil_campaign.vehicles.readings import (
@@ -41,7 +41,7 @@ class RemoveOutliersParameters(SidedParameters):
     sensors=("depth", "lidar", "lidar_points"),
     parameters=RemoveOutliersParameters,
 )
-def remove_outliers(parameters: RemoveOutliersParameters, context: Context) -> Operator:  # noqa: ARG001 - the interface of steps
+def remove_outliers(parameters: RemoveOutliersParameters, context: StepContext) -> Operator:  # noqa: ARG001 - the interface of steps
     """Drop isolated returns of a lidar or depth camera: those with too few near neighbours.
 
     Distances in metres. Beams without a return are kept. Points are counted in cubes of `within_m`
@@ -128,7 +128,7 @@ class MedianParameters(SidedParameters):
     sensors=("camera", "depth", "lidar", "rangefinder"),
     parameters=MedianParameters,
 )
-def median(parameters: MedianParameters, context: Context) -> Operator:  # noqa: ARG001 - the interface of steps
+def median(parameters: MedianParameters, context: StepContext) -> Operator:  # noqa: ARG001 - the interface of steps
     """Replace each value by the median of those around it; of a rangefinder, of the last ones.
 
     Images: window x window pixels; scans: beams, across the ends of a full turn, with infinity as

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from wil_campaign.recipes.model.registry import Context, SidedParameters, step
+from wil_campaign.recipes.model.registry import SidedParameters, StepContext, step
 from wil_campaign.recipes.operations.masks import narrow_mask
 from wil_campaign.recipes.operations.step_parameters import RANGING
 from wil_campaign.recipes.working import AnyMasked, Operator
@@ -35,7 +35,7 @@ class ValueRangeParameters(SidedParameters):
 
 
 @step("value_range", stage="filter", sensors=RANGING, parameters=ValueRangeParameters)
-def value_range(parameters: ValueRangeParameters, context: Context) -> Operator:  # noqa: ARG001 - the interface of steps
+def value_range(parameters: ValueRangeParameters, context: StepContext) -> Operator:  # noqa: ARG001 - the interface of steps
     """Keep, or drop, the distances that lie in a range of metres.
 
     Per beam, point (its distance from the sensor), pixel, or the one range of a rangefinder. A beam
@@ -79,7 +79,7 @@ class DecimateParameters(SidedParameters):
 
 
 @step("decimate", stage="filter", sensors=("lidar", "lidar_points"), parameters=DecimateParameters)
-def decimate(parameters: DecimateParameters, context: Context) -> Operator:  # noqa: ARG001 - the interface of steps
+def decimate(parameters: DecimateParameters, context: StepContext) -> Operator:  # noqa: ARG001 - the interface of steps
     """Keep each n-th beam of a scan, or each n-th point."""
 
     def operator(work: AnyMasked, other: AnyMasked | None) -> AnyMasked:  # noqa: ARG001 - the interface

@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 from pydantic import Field, field_validator, model_validator
 
 from wil_campaign.foundation.files.documents import Part
-from wil_campaign.recipes.model.registry import Context, SidedParameters, step
+from wil_campaign.recipes.model.registry import SidedParameters, StepContext, step
 from wil_campaign.recipes.operations.masks import intersect_masks, narrow_mask
-from wil_campaign.recipes.operations.optics import ImageReading, size_of
+from wil_campaign.recipes.operations.optics import ImageReading, image_size_px
 from wil_campaign.recipes.operations.step_parameters import IMAGE_SENSORS, PAIR, Fraction
 from wil_campaign.recipes.working import AnyMasked, CannotMixError, Masked, Operator
 from wil_campaign.vehicles.readings import LidarPointsReading, LidarScanReading, Mask
@@ -74,7 +74,7 @@ class IsolateRegionParameters(SidedParameters):
 
 
 @step("isolate_region", stage="filter", sensors=IMAGE_SENSORS, parameters=IsolateRegionParameters)
-def isolate_region(parameters: IsolateRegionParameters, context: Context) -> Operator:  # noqa: ARG001 - the interface of steps
+def isolate_region(parameters: IsolateRegionParameters, context: StepContext) -> Operator:  # noqa: ARG001 - the interface of steps
     """Keep a part of an image: a box or a polygon, or the pixels outside of it.
 
     Corners are fractions of width and height, so that the step works for any size. A pixel is kept
@@ -84,7 +84,7 @@ def isolate_region(parameters: IsolateRegionParameters, context: Context) -> Ope
     masks: dict[tuple[int, int], Mask] = {}
 
     def operator(work: Masked[ImageReading], other: AnyMasked | None) -> Masked[ImageReading]:  # noqa: ARG001 - the interface
-        size = size_of(work.reading)
+        size = image_size_px(work.reading)
         if size not in masks:
             masks.clear()
             masks[size] = region_mask(corners, size, outside=outside)
@@ -125,7 +125,7 @@ class IsolateDepthParameters(SidedParameters):
 
 
 @step("isolate_depth", stage="filter", sensors=IMAGE_SENSORS, parameters=IsolateDepthParameters)
-def isolate_depth(parameters: IsolateDepthParameters, context: Context) -> Operator:  # noqa: ARG001 - the interface of steps
+def isolate_depth(parameters: IsolateDepthParameters, context: StepContext) -> Operator:  # noqa: ARG001 - the interface of steps
     """Keep the pixels whose depth lies in a range of metres along the optical axis.
 
     depth_m (height, width) float32. Drops the overlay ("no_depth") when an image has no depth.
@@ -159,7 +159,7 @@ class IsolateSectorParameters(SidedParameters):
     sensors=("lidar", "lidar_points"),
     parameters=IsolateSectorParameters,
 )
-def isolate_sector(parameters: IsolateSectorParameters, context: Context) -> Operator:  # noqa: ARG001 - the interface of steps
+def isolate_sector(parameters: IsolateSectorParameters, context: StepContext) -> Operator:  # noqa: ARG001 - the interface of steps
     """Keep the beams or points of a sector around the sensor, or those outside of it.
 
     Angles in degrees from forward to the right; from 350 to 10 goes through forward.
@@ -170,13 +170,13 @@ def isolate_sector(parameters: IsolateSectorParameters, context: Context) -> Ope
         work: Masked[LidarScanReading] | Masked[LidarPointsReading],
         other: AnyMasked | None,  # noqa: ARG001 - the interface
     ) -> AnyMasked:
-        inside = in_sector(angles_of(work.reading), p.from_deg, p.to_deg)
+        inside = is_in_sector(element_angles_of(work.reading), p.from_deg, p.to_deg)
         return narrow_mask(work, inside != p.outside)
 
     return operator
 
 
-def angles_of(reading: LidarScanReading | LidarPointsReading) -> NDArray[np.float64]:
+def element_angles_of(reading: LidarScanReading | LidarPointsReading) -> NDArray[np.float64]:
     """Return each beam's or point's angle for a sector region, radians right of forward."""
     if isinstance(reading, LidarScanReading):
         return reading.angles_rad
@@ -184,7 +184,9 @@ def angles_of(reading: LidarScanReading | LidarPointsReading) -> NDArray[np.floa
     return np.arctan2(points[:, 1], points[:, 0]).astype(np.float64)
 
 
-def in_sector(angles_rad: NDArray[np.float64], from_deg: float, to_deg: float) -> NDArray[np.bool_]:
+def is_in_sector(
+    angles_rad: NDArray[np.float64], from_deg: float, to_deg: float
+) -> NDArray[np.bool_]:
     """Return which angles lie in a sector region; one of 360 degrees or more is all around."""
     if to_deg - from_deg >= 360.0:
         return np.ones(len(angles_rad), np.bool_)
@@ -223,7 +225,7 @@ class IsolateBoxParameters(SidedParameters):
 
 
 @step("isolate_box", stage="filter", sensors=("lidar_points",), parameters=IsolateBoxParameters)
-def isolate_box(parameters: IsolateBoxParameters, context: Context) -> Operator:  # noqa: ARG001 - the interface of steps
+def isolate_box(parameters: IsolateBoxParameters, context: StepContext) -> Operator:  # noqa: ARG001 - the interface of steps
     """Keep the points within a box of the sensor's frame (metres FRD), or those outside of it."""
     low, high = np.array(
         [parameters.forward_m, parameters.right_m, parameters.down_m], np.float32

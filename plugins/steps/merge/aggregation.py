@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from wil_campaign.plugins.steps.operations.interpolation import between
-from wil_campaign.recipes.model.registry import Context, StepParameters, step
+from wil_campaign.plugins.steps.operations.interpolation import interpolated_reading
+from wil_campaign.recipes.model.registry import StepContext, StepParameters, step
 from wil_campaign.recipes.operations.masks import is_kept, kept_elements
 from wil_campaign.recipes.steps.merge.overlays import refuse_mismatch
 from wil_campaign.recipes.working import (
@@ -70,7 +70,7 @@ class AggregateParameters(StepParameters):
     sensors=("camera", "depth", "lidar", "rangefinder", "gps", "pose", "imu"),
     parameters=AggregateParameters,
 )
-def aggregate(parameters: AggregateParameters, context: Context) -> Merge:  # noqa: ARG001 - the interface of steps
+def aggregate(parameters: AggregateParameters, context: StepContext) -> Merge:  # noqa: ARG001 - the interface of steps
     """Combine the values of both sides: mean, median, minimum, maximum, weighted mean.
 
     Per pixel and channel, beam, axis or range. An element that one side does not keep is the
@@ -196,7 +196,7 @@ def _place(real: AnyMasked, one: Any, twin: AnyMasked, share: float) -> PoseRead
     if not is_kept(real) or share == 1.0:
         kept_twin: PoseReading | GpsReading = twin.reading
         return kept_twin
-    made = between(replace(one, t_s=0.0), replace(twin.reading, t_s=1.0), share)
+    made = interpolated_reading(replace(one, t_s=0.0), replace(twin.reading, t_s=1.0), share)
     if not isinstance(made, PoseReading | GpsReading):
         raise CannotMixError("mismatch", "aggregate: the two readings differ in type")
     return made

@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from wil_campaign.plugins.steps.transform.frames import remounted
-from wil_campaign.recipes.model.registry import Context, StepParameters, step
+from wil_campaign.plugins.steps.transform.frames import remounted_points
+from wil_campaign.recipes.model.registry import StepContext, StepParameters, step
 from wil_campaign.recipes.operations.masks import kept_elements
 from wil_campaign.recipes.working import AnyMasked, Merge, Sides
 from wil_campaign.vehicles.readings import LidarPointsReading
@@ -17,7 +17,7 @@ class ConcatenateParameters(StepParameters):
 
 
 @step("concatenate", stage="merge", sensors=("lidar_points",), parameters=ConcatenateParameters)
-def concatenate(parameters: ConcatenateParameters, context: Context) -> Merge:  # noqa: ARG001 - the interface of steps
+def concatenate(parameters: ConcatenateParameters, context: StepContext) -> Merge:  # noqa: ARG001 - the interface of steps
     """Put the kept points of both sides into one cloud, in the frame of the real sensor.
 
     points_frd_m (n, 3) and (m, 3) float32 metres to (n + m, 3), the real ones first. The twin's
@@ -34,7 +34,7 @@ def concatenate(parameters: ConcatenateParameters, context: Context) -> Merge:  
 
 def kept_points(work: AnyMasked, mount: Pose) -> LidarPointsReading:
     """Return the kept points of a side, in the frame of a sensor mounted at `mount`."""
-    reading: LidarPointsReading = remounted(work.reading, mount)
+    reading: LidarPointsReading = remounted_points(work.reading, mount)
     if work.mask is None:
         return reading
     keep = kept_elements(work)

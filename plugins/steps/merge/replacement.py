@@ -7,13 +7,18 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import model_validator
 
-from wil_campaign.foundation.files.documents import KeyFaultError, Part, closest
-from wil_campaign.plugins.steps.filter.regions import BoxPart, angles_of, in_sector, region_mask
+from wil_campaign.foundation.files.documents import KeyFaultError, Part, closest_word
+from wil_campaign.plugins.steps.filter.regions import (
+    BoxPart,
+    element_angles_of,
+    is_in_sector,
+    region_mask,
+)
 from wil_campaign.plugins.steps.merge.points import join_clouds, kept_points
 from wil_campaign.plugins.steps.operations.quantities import quantities_of
-from wil_campaign.recipes.model.registry import EVERY_SENSOR, Context, StepParameters, step
+from wil_campaign.recipes.model.registry import EVERY_SENSOR, StepContext, StepParameters, step
 from wil_campaign.recipes.operations.masks import kept_elements
-from wil_campaign.recipes.operations.optics import size_of
+from wil_campaign.recipes.operations.optics import image_size_px
 from wil_campaign.recipes.operations.step_parameters import IMAGE_SENSORS
 from wil_campaign.recipes.steps.merge.overlays import refuse_mismatch
 from wil_campaign.recipes.working import (
@@ -66,7 +71,7 @@ class ConditionPart(Part):
         known = [name for kind in sensor_names() for name in quantities_of(kind)]
         if self.what not in known:
             message = f"unknown quantity '{self.what}'"
-            raise KeyFaultError("what", message, closest(self.what, known))
+            raise KeyFaultError("what", message, closest_word(self.what, known))
         if self.above is None and self.below is None:
             raise ValueError("a condition needs 'above' or 'below'")
         return self
@@ -104,7 +109,7 @@ class ReplaceParameters(StepParameters):
 
 
 @step("replace", stage="merge", sensors=EVERY_SENSOR, parameters=ReplaceParameters)
-def replacement(parameters: ReplaceParameters, context: Context) -> Merge:  # noqa: ARG001 - the interface of steps
+def replacement(parameters: ReplaceParameters, context: StepContext) -> Merge:  # noqa: ARG001 - the interface of steps
     """Replace one side's reading by the other's: all of it, in a sector or region, or by a rule.
 
     Per pixel, beam or point where the rule applies to elements, otherwise as a whole. Images of one
@@ -138,10 +143,10 @@ def _rule(parameters: ReplaceParameters, sides: Sides) -> _Rule:
     parts: list[Bools] = []
     if parameters.sector is not None and isinstance(reading, LidarScanReading):
         sector = parameters.sector
-        parts.append(in_sector(angles_of(reading), sector.from_deg, sector.to_deg))
+        parts.append(is_in_sector(element_angles_of(reading), sector.from_deg, sector.to_deg))
     if parameters.region is not None and isinstance(reading, CameraReading | DepthReading):
         corners = parameters.region.corners()
-        parts.append(region_mask(corners, size_of(reading), outside=False) != 0)
+        parts.append(region_mask(corners, image_size_px(reading), outside=False) != 0)
     holds = True
     if parameters.when is not None:
         found = _condition(parameters.when, sides)
@@ -206,7 +211,10 @@ def _replace_points(source: AnyMasked, ground: AnyMasked, rule: _Rule) -> LidarP
     if rule.sector is None:
         return join_clouds(ground.reading, [new])
     ends = rule.sector.from_deg, rule.sector.to_deg
-    inside, outside = in_sector(angles_of(new), *ends), ~in_sector(angles_of(old), *ends)
+    inside, outside = (
+        is_in_sector(element_angles_of(new), *ends),
+        ~is_in_sector(element_angles_of(old), *ends),
+    )
     parts = [
         replace(part, points_frd_m=part.points_frd_m[keep], object_ids=None)
         for part, keep in ((old, outside), (new, inside))

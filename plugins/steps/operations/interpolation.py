@@ -19,7 +19,7 @@ INTERPOLATED = ("pose", "gps", "imu", "rangefinder", "lidar")
 """Sensor types with interpolation; images, clouds and blocks of sound have none."""
 
 
-def between(a: Reading, b: Reading, t_s: float) -> Reading | None:
+def interpolated_reading(a: Reading, b: Reading, t_s: float) -> Reading | None:
     """Return the reading interpolated between two at a time; None when they do not fit.
 
     Positions, velocities, rates, forces and ranges change linearly, attitudes along the shortest

@@ -31,7 +31,7 @@ _LAPLACIAN = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], np.float32)
 
 
 @dataclass(frozen=True, slots=True)
-class Photometry:
+class CameraPhotometry:
     """The photometry of a camera: level, noise, blur; None where an image cannot show it.
 
     level_bgr: median of each channel, grey levels. noise_std_dn: grey levels. blur_sigma_px: of
@@ -43,14 +43,14 @@ class Photometry:
     blur_sigma_px: float | None = None
 
 
-def measure_photometry(image_bgr: BgrImage) -> Photometry:
+def measure_photometry(image_bgr: BgrImage) -> CameraPhotometry:
     """Return the photometry measured in a (height, width, 3) uint8 image."""
     rows, columns = (
         slice(max(0, (length - crop) // 2), max(0, (length - crop) // 2) + crop)
         for length, crop in zip(image_bgr.shape[:2], _CROP_PX, strict=True)
     )
     gray = cv2.cvtColor(image_bgr[rows, columns], cv2.COLOR_BGR2GRAY).astype(np.float32)
-    return Photometry(_level(image_bgr), _noise(image_bgr[rows, columns]), _blur(gray))
+    return CameraPhotometry(_level(image_bgr), _noise(image_bgr[rows, columns]), _blur(gray))
 
 
 def _level(image_bgr: BgrImage) -> tuple[float, float, float] | None:
@@ -102,37 +102,42 @@ _STEEPNESS = np.array([math.erf(1.0 / (s * math.sqrt(2.0))) / 2.0 for s in _SIGM
 
 
 @dataclass(frozen=True, slots=True)
-class Correction:
+class PhotometricCorrection:
     """A photometric correction of an image. gains_bgr: factors; noise and blur are added."""
 
     gains_bgr: tuple[float, float, float] = (1.0, 1.0, 1.0)
     noise_std_dn: float = 0.0
     blur_sigma_px: float = 0.0
 
-    def towards(self, other: "Correction", share: float) -> "Correction":
+    def towards(self, other: "PhotometricCorrection", share: float) -> "PhotometricCorrection":
         """Return the correction a share of the way to another, to avoid flicker."""
 
         def mix(a: float, b: float) -> float:
             return a + (b - a) * share
 
         blue, green, red = (mix(a, b) for a, b in zip(self.gains_bgr, other.gains_bgr, strict=True))
-        return Correction(
+        return PhotometricCorrection(
             (blue, green, red),
             mix(self.noise_std_dn, other.noise_std_dn),
             mix(self.blur_sigma_px, other.blur_sigma_px),
         )
 
 
-def correction(
-    mine: Photometry, theirs: Photometry, *, max_gain: float, exposure: bool, white_balance: bool
-) -> Correction:
+def photometric_correction(
+    mine: CameraPhotometry,
+    theirs: CameraPhotometry,
+    *,
+    max_gain: float,
+    exposure: bool,
+    white_balance: bool,
+) -> PhotometricCorrection:
     """Return the photometric correction that makes one camera's image look like another's.
 
     Gains are the ratios of the medians: the same for all channels when only the exposure is
     matched, relative to their mean when only the white is; each within 1/max_gain to max_gain.
     Noise and blur can only be added.
     """
-    return Correction(
+    return PhotometricCorrection(
         _gains(mine, theirs, max_gain, exposure=exposure, white_balance=white_balance),
         _add_noise(mine.noise_std_dn, theirs.noise_std_dn),
         _add_noise(mine.blur_sigma_px, theirs.blur_sigma_px),
@@ -140,7 +145,12 @@ def correction(
 
 
 def _gains(
-    mine: Photometry, theirs: Photometry, max_gain: float, *, exposure: bool, white_balance: bool
+    mine: CameraPhotometry,
+    theirs: CameraPhotometry,
+    max_gain: float,
+    *,
+    exposure: bool,
+    white_balance: bool,
 ) -> tuple[float, float, float]:
     """Return the gains of blue, green, red that match exposure and white balance of two images."""
     if mine.level_bgr is None or theirs.level_bgr is None:
@@ -168,7 +178,7 @@ _LEVELS = 32.0
 """Steps of the noise tile within one standard deviation."""
 
 
-class Corrector:
+class PhotometricCorrector:
     """Applies photometric corrections to images of one size; its noise repeats to the byte.
 
     Noise is taken from a tile, shifted by `seq`: drawing new noise costs ten times as much.
@@ -179,7 +189,7 @@ class Corrector:
         self._tile: NDArray[np.uint8] | None = None
 
     def applied(
-        self, image_bgr: BgrImage, mask: Mask | None, what: Correction, seq: int
+        self, image_bgr: BgrImage, mask: Mask | None, what: PhotometricCorrection, seq: int
     ) -> BgrImage:
         """Return the image with blur, exposure and noise corrected.
 
@@ -240,9 +250,9 @@ def _blur_image(image_bgr: BgrImage, mask: Mask | None, sigma_px: float) -> BgrI
     return made
 
 
-def with_known(
-    look: Photometry, *, noise_std_dn: float | None, blur_sigma_px: float | None
-) -> Photometry:
+def photometry_with_known(
+    look: CameraPhotometry, *, noise_std_dn: float | None, blur_sigma_px: float | None
+) -> CameraPhotometry:
     """Return the photometry with known camera values in place of the measured ones."""
     if noise_std_dn is not None:
         look = replace(look, noise_std_dn=noise_std_dn)

@@ -8,13 +8,13 @@ from pydantic import Field, model_validator
 
 from wil_campaign.foundation.files.documents import KeyFaultError
 from wil_campaign.plugins.steps.operations.photometry import (
-    Correction,
-    Corrector,
-    correction,
+    PhotometricCorrection,
+    PhotometricCorrector,
     measure_photometry,
-    with_known,
+    photometric_correction,
+    photometry_with_known,
 )
-from wil_campaign.recipes.model.registry import Context, SidedParameters, Stage, step
+from wil_campaign.recipes.model.registry import SidedParameters, Stage, StepContext, step
 from wil_campaign.recipes.working import AnyMasked, CannotMixError, Masked, Operator
 from wil_campaign.vehicles.readings import BgrImage, CameraReading
 
@@ -41,7 +41,7 @@ _MATCHING: tuple[Stage, ...] = ("transform", "filter")
 
 
 @step("color_space", stage="transform", sensors=("camera",), parameters=ColorSpaceParameters)
-def color_space(parameters: ColorSpaceParameters, context: Context) -> Operator:  # noqa: ARG001 - the interface of steps
+def color_space(parameters: ColorSpaceParameters, context: StepContext) -> Operator:  # noqa: ARG001 - the interface of steps
     """Convert an image's channels into blue, green, red; or its colours into shades of grey.
 
     image_bgr stays (height, width, 3) uint8. hsv, lab and ycrcb in OpenCV's 8-bit form (hue 0 to
@@ -102,7 +102,7 @@ class MatchPhotometryParameters(SidedParameters):
         return self
 
 
-def match_photometry(parameters: MatchPhotometryParameters, context: Context) -> Operator:  # noqa: ARG001 - the interface of steps
+def match_photometry(parameters: MatchPhotometryParameters, context: StepContext) -> Operator:  # noqa: ARG001 - the interface of steps
     """Give an image the exposure, white balance, noise and blur of the other side's camera.
 
     image_bgr (height, width, 3) uint8, grey levels 0 to 255. As a filter after the step that
@@ -125,8 +125,8 @@ class _Matcher:
 
     def __init__(self, parameters: MatchPhotometryParameters) -> None:
         self._p = parameters
-        self._corrector = Corrector(parameters.seed)
-        self._now: Correction | None = None
+        self._corrector = PhotometricCorrector(parameters.seed)
+        self._now: PhotometricCorrection | None = None
         self._frame = 0
 
     def __call__(self, work: Work, other: Work | None) -> Work:
@@ -145,15 +145,15 @@ class _Matcher:
         image = self._corrector.applied(reading.image_bgr, work.mask, self._now, reading.seq)
         return work if image is reading.image_bgr else _with_image(work, image)
 
-    def _wanted_correction(self, work: Work, other: Work) -> Correction:
+    def _wanted_correction(self, work: Work, other: Work) -> PhotometricCorrection:
         """Return the correction that matches this side's colours to the other camera's."""
         p = self._p
-        theirs = with_known(
+        theirs = photometry_with_known(
             measure_photometry(other.reading.image_bgr),
             noise_std_dn=p.noise_std_dn,
             blur_sigma_px=p.blur_sigma_px,
         )
-        wanted = correction(
+        wanted = photometric_correction(
             measure_photometry(work.reading.image_bgr),
             theirs,
             max_gain=p.max_gain,

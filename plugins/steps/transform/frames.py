@@ -8,9 +8,9 @@ import numpy as np
 from pydantic import model_validator
 
 from wil_campaign.foundation.files.documents import Part
-from wil_campaign.recipes.model.registry import Context, SidedParameters, step
+from wil_campaign.recipes.model.registry import SidedParameters, StepContext, step
 from wil_campaign.recipes.operations.step_parameters import Degrees, Metres, RotationPart
-from wil_campaign.recipes.steps.transform.geometry import refuse_own
+from wil_campaign.recipes.steps.transform.geometry import refuse_own_side
 from wil_campaign.recipes.working import AnyMasked, CannotMixError, Masked, Operator
 from wil_campaign.vehicles.readings import (
     GpsReading,
@@ -54,7 +54,7 @@ class AxesParameters(SidedParameters):
     sensors=("pose", "gps", "imu", "lidar", "lidar_points"),
     parameters=AxesParameters,
 )
-def axes(parameters: AxesParameters, context: Context) -> Operator:  # noqa: ARG001 - the interface of steps
+def axes(parameters: AxesParameters, context: StepContext) -> Operator:  # noqa: ARG001 - the interface of steps
     """Convert a source's axes: the world's ENU into NED, the body's FLU into FRD.
 
     Positions and velocities by the world's axes; specific force, rates, points and the direction of
@@ -123,7 +123,7 @@ class AttitudeParameters(SidedParameters):
 
 
 @step("attitude", stage="transform", sensors=("pose",), parameters=AttitudeParameters)
-def attitude(parameters: AttitudeParameters, context: Context) -> Operator:  # noqa: ARG001 - the interface of steps
+def attitude(parameters: AttitudeParameters, context: StepContext) -> Operator:  # noqa: ARG001 - the interface of steps
     """Convert a pose's attitude from its source's convention: order, Euler angles, direction.
 
     The source's four numbers are in q_wxyz: (w, x, y, z), (x, y, z, w), or (roll, pitch, yaw,
@@ -189,7 +189,7 @@ class OffsetParameters(SidedParameters):
 
 
 @step("offset", stage="transform", sensors=("pose", "gps"), parameters=OffsetParameters)
-def offset(parameters: OffsetParameters, context: Context) -> Operator:  # noqa: ARG001 - the interface of steps
+def offset(parameters: OffsetParameters, context: StepContext) -> Operator:  # noqa: ARG001 - the interface of steps
     """Move a position by metres north, east and up, and turn the heading.
 
     A pose (NED metres) turns with its velocity; a fix moves on WGS-84 and turns its velocity.
@@ -252,12 +252,12 @@ class RemountParameters(SidedParameters):
     @model_validator(mode="after")
     def _not_to_itself(self) -> "RemountParameters":
         """Refuse a remount to the side's own mount."""
-        refuse_own(self, self.to, "mount")
+        refuse_own_side(self, self.to, "mount")
         return self
 
 
 @step("remount", stage="transform", sensors=("lidar_points",), parameters=RemountParameters)
-def remount(parameters: RemountParameters, context: Context) -> Operator:  # noqa: ARG001 - the interface of steps
+def remount(parameters: RemountParameters, context: StepContext) -> Operator:  # noqa: ARG001 - the interface of steps
     """Convert points into the frame of a sensor that is mounted elsewhere on the body.
 
     points_frd_m (points, 3) float32, metres forward, right, down of the sensor.
@@ -278,12 +278,12 @@ def remount(parameters: RemountParameters, context: Context) -> Operator:  # noq
                     f"remount to {to}: there is no reading of {to}",
                 )
             mount = other.reading.mount
-        return Masked(remounted(work.reading, mount), work.mask)
+        return Masked(remounted_points(work.reading, mount), work.mask)
 
     return operator
 
 
-def remounted(reading: LidarPointsReading, mount: Pose) -> LidarPointsReading:
+def remounted_points(reading: LidarPointsReading, mount: Pose) -> LidarPointsReading:
     """Return the points in the frame of a sensor mounted at `mount` (in the body's FRD frame)."""
     if reading.mount == mount:
         return reading

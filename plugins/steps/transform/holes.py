@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from wil_campaign.recipes.model.registry import Context, SidedParameters, step
+from wil_campaign.recipes.model.registry import SidedParameters, StepContext, step
 from wil_campaign.recipes.operations.optics import ImageReading
 from wil_campaign.recipes.operations.step_parameters import IMAGE_SENSORS
 from wil_campaign.recipes.working import AnyMasked, CannotMixError, Masked, Operator
@@ -26,7 +26,7 @@ class FillDepthParameters(SidedParameters):
 
 
 @step("fill_depth", stage="transform", sensors=IMAGE_SENSORS, parameters=FillDepthParameters)
-def fill_depth(parameters: FillDepthParameters, context: Context) -> Operator:  # noqa: ARG001 - the interface of steps
+def fill_depth(parameters: FillDepthParameters, context: StepContext) -> Operator:  # noqa: ARG001 - the interface of steps
     """Fill small holes in a depth image, so that no virtual object behind shows through them.
 
     depth_m (height, width) float32 metres; a hole is infinite, with finite depths around it. It is

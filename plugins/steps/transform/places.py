@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from wil_campaign.recipes.model.registry import Context, SidedParameters, step
+from wil_campaign.recipes.model.registry import SidedParameters, StepContext, step
 from wil_campaign.recipes.operations.masks import kept_elements
 from wil_campaign.recipes.working import AnyMasked, Masked, Operator
 from wil_campaign.vehicles.readings import (
@@ -52,7 +52,7 @@ class GeodeticParameters(OriginParameters):
     parameters=GeodeticParameters,
     gives={"pose": "gps"},
 )
-def geodetic(parameters: GeodeticParameters, context: Context) -> Operator:  # noqa: ARG001 - the interface of steps
+def geodetic(parameters: GeodeticParameters, context: StepContext) -> Operator:  # noqa: ARG001 - the interface of steps
     """Convert a local position into a fix: NED metres into latitude, longitude (deg), altitude (m).
 
     The attitude is dropped; a pose without velocity gives 0 m/s.
@@ -86,7 +86,7 @@ def geodetic(parameters: GeodeticParameters, context: Context) -> Operator:  # n
     parameters=OriginParameters,
     gives={"gps": "pose"},
 )
-def local(parameters: OriginParameters, context: Context) -> Operator:  # noqa: ARG001 - the interface of steps
+def local(parameters: OriginParameters, context: StepContext) -> Operator:  # noqa: ARG001 - the interface of steps
     """Convert a fix into a local position: latitude, longitude (deg), altitude (m) into NED metres.
 
     A fix has no attitude: the pose is level, with the direction of the velocity over ground, or
@@ -129,7 +129,7 @@ class ToPointsParameters(SidedParameters):
     parameters=ToPointsParameters,
     gives={"lidar": "lidar_points", "depth": "lidar_points"},
 )
-def to_points(parameters: ToPointsParameters, context: Context) -> Operator:  # noqa: ARG001 - the interface of steps
+def to_points(parameters: ToPointsParameters, context: StepContext) -> Operator:  # noqa: ARG001 - the interface of steps
     """Convert a scan or a depth image into points: metres forward, right, down of the sensor.
 
     ranges_m (beams,) or depth_m (height, width) to points_frd_m (points, 3) float32; an element

@@ -5,8 +5,8 @@ from typing import Annotated
 
 from pydantic import Field
 
-from wil_campaign.plugins.steps.operations.interpolation import INTERPOLATED, between
-from wil_campaign.recipes.model.registry import EVERY_SENSOR, Context, SidedParameters, step
+from wil_campaign.plugins.steps.operations.interpolation import INTERPOLATED, interpolated_reading
+from wil_campaign.recipes.model.registry import EVERY_SENSOR, SidedParameters, StepContext, step
 from wil_campaign.recipes.working import Align, AnyMasked, CannotMixError, Masked, TimedOperator
 from wil_campaign.vehicles.readings import (
     CameraReading,
@@ -14,7 +14,7 @@ from wil_campaign.vehicles.readings import (
     LidarPointsReading,
     Reading,
 )
-from wil_campaign.worlds.figures import distinct_text
+from wil_campaign.worlds.figures import distinct_value_text
 
 _KEPT = 4096
 """Largest number of stored readings: 10 s, the longest delay, of an IMU at 400 Hz."""
@@ -106,7 +106,7 @@ class ResampleParameters(SidedParameters):
 
 
 @step("resample", stage="transform", sensors=EVERY_SENSOR, parameters=ResampleParameters)
-def resample(parameters: ResampleParameters, context: Context) -> TimedOperator:  # noqa: ARG001 - the interface of steps
+def resample(parameters: ResampleParameters, context: StepContext) -> TimedOperator:  # noqa: ARG001 - the interface of steps
     """Give one side's readings at the times of the other's: latest, hold, or interpolate.
 
     Times in seconds of the run clock. An interpolated reading has the other's time, others keep
@@ -132,7 +132,7 @@ class _Resample(_Remembering):
         gap_s = abs(found.t_s - t_s)
         if gap_s > self._max_gap_s:
             limit_ms = self._max_gap_s * 1000
-            gap = distinct_text(gap_s * 1000, limit_ms, digits=0)
+            gap = distinct_value_text(gap_s * 1000, limit_ms, digits=0)
             away = f"resample: the reading is {gap} ms away"
             raise CannotMixError("stale", f"{away}, more than max_gap_ms {limit_ms:g}")
         return Masked(found, work.mask) if found is not work.reading else work
@@ -156,7 +156,7 @@ def _interpolate_readings(
     """Return the reading interpolated at a time; None when the gap is too long."""
     if before is None or after is None or after.t_s - before.t_s > max_gap_s:
         return None
-    return before if after.t_s == before.t_s else between(before, after, t_s)
+    return before if after.t_s == before.t_s else interpolated_reading(before, after, t_s)
 
 
 class DelayParameters(SidedParameters):
@@ -169,7 +169,7 @@ class DelayParameters(SidedParameters):
 
 
 @step("delay", stage="transform", sensors=EVERY_SENSOR, parameters=DelayParameters)
-def delay(parameters: DelayParameters, context: Context) -> TimedOperator:  # noqa: ARG001 - the interface of steps
+def delay(parameters: DelayParameters, context: StepContext) -> TimedOperator:  # noqa: ARG001 - the interface of steps
     """Delay one side: use its newest reading that is at least so much older than the latest.
 
     Times in seconds of the run clock; the reading keeps its own, so that skew and latency show

@@ -18,7 +18,7 @@ from wil_campaign.plugins.steps.operations.unit_factors import (
     PressureUnit,
     SpeedUnit,
 )
-from wil_campaign.recipes.model.registry import EVERY_SENSOR, Context, SidedParameters, step
+from wil_campaign.recipes.model.registry import EVERY_SENSOR, SidedParameters, StepContext, step
 from wil_campaign.recipes.working import AnyMasked, Masked, Operator
 from wil_campaign.vehicles.readings import (
     CameraReading,
@@ -76,19 +76,19 @@ class UnitsParameters(SidedParameters):
     sensors=EVERY_SENSOR,
     parameters=UnitsParameters,
 )
-def units(parameters: UnitsParameters, context: Context) -> Operator:  # noqa: ARG001 - the interface of steps
+def units(parameters: UnitsParameters, context: StepContext) -> Operator:  # noqa: ARG001 - the interface of steps
     """Convert the numbers of a source into the units used here: m, rad, m/s, m/s2, Pa.
 
     Shapes do not change. Latitude and longitude become degrees.
     """
 
     def operator(work: AnyMasked, other: AnyMasked | None) -> AnyMasked:  # noqa: ARG001 - the interface
-        return Masked(converted(work.reading, parameters), work.mask)
+        return Masked(converted_to_our_units(work.reading, parameters), work.mask)
 
     return operator
 
 
-def converted(reading: Reading, given: UnitsParameters) -> Reading:
+def converted_to_our_units(reading: Reading, given: UnitsParameters) -> Reading:
     """Return the reading converted to our units."""
     metres = METRES[given.length or "m"]
     match reading:

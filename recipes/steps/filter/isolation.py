@@ -6,8 +6,8 @@ import cv2
 import numpy as np
 from pydantic import Field, field_validator, model_validator
 
-from wil_campaign.foundation.files.documents import KeyFaultError, Part, Path, closest
-from wil_campaign.recipes.model.registry import Context, SidedParameters, step
+from wil_campaign.foundation.files.documents import KeyFaultError, Part, Path, closest_word
+from wil_campaign.recipes.model.registry import SidedParameters, StepContext, step
 from wil_campaign.recipes.operations.masks import intersect_masks
 from wil_campaign.recipes.working import AnyMasked, CannotMixError, Masked, Operator
 from wil_campaign.vehicles.perception.hsv import FULL_CIRCLE_DEG, NAMED_COLORS, HsvMask, HsvRange
@@ -69,7 +69,7 @@ class IsolateColorParameters(SidedParameters):
         if name is not None and name not in NAMED_COLORS:
             known = ", ".join(NAMED_COLORS)
             raise KeyFaultError(
-                (), f"unknown colour '{name}' (known: {known})", closest(name, NAMED_COLORS)
+                (), f"unknown colour '{name}' (known: {known})", closest_word(name, NAMED_COLORS)
             )
         return name
 
@@ -81,7 +81,7 @@ class IsolateColorParameters(SidedParameters):
 
 
 @step("isolate_color", stage="filter", sensors=("camera",), parameters=IsolateColorParameters)
-def isolate_color(parameters: IsolateColorParameters, context: Context) -> Operator:  # noqa: ARG001 - the interface of steps
+def isolate_color(parameters: IsolateColorParameters, context: StepContext) -> Operator:  # noqa: ARG001 - the interface of steps
     """Keep the pixels of a colour, by ranges of hue, saturation and value."""
     named = NAMED_COLORS[parameters.name] if parameters.name is not None else ()
     finder = HsvMask((*named, *(part.range() for part in parameters.ranges)))
@@ -136,7 +136,7 @@ class IsolateObjectsParameters(SidedParameters):
     sensors=lambda traits: "object_ids" in traits.ground_truth,
     parameters=IsolateObjectsParameters,
 )
-def isolate_objects(parameters: IsolateObjectsParameters, context: Context) -> Operator:
+def isolate_objects(parameters: IsolateObjectsParameters, context: StepContext) -> Operator:
     """Keep the pixels, beams or points of objects, by the object ids of the simulator.
 
     object_ids: (height, width), (beams,) or (points,) uint8. Drops the overlay ("no_ids") when
@@ -160,7 +160,7 @@ def isolate_objects(parameters: IsolateObjectsParameters, context: Context) -> O
     return operator
 
 
-def _id_of(name: str, context: Context) -> int:
+def _id_of(name: str, context: StepContext) -> int:
     """Return the id of an object to isolate. Raises UnknownObjectError."""
     if name not in context.object_ids:
         known = ", ".join(context.object_ids) or "none"

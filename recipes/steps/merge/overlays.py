@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, field_validator
 
-from wil_campaign.recipes.model.registry import Context, StepParameters, step
+from wil_campaign.recipes.model.registry import StepContext, StepParameters, step
 from wil_campaign.recipes.operations.masks import is_kept, kept_elements
-from wil_campaign.recipes.operations.optics import disagreement_px
+from wil_campaign.recipes.operations.optics import camera_disagreement_px
 from wil_campaign.recipes.working import (
     AnyMasked,
     CannotMixError,
@@ -138,7 +138,7 @@ class OverlayParameters(StepParameters):
     sensors=lambda traits: traits.overlaid,
     parameters=OverlayParameters,
 )
-def overlay(parameters: OverlayParameters, context: Context) -> Merge:  # noqa: ARG001 - the interface of steps
+def overlay(parameters: OverlayParameters, context: StepContext) -> Merge:  # noqa: ARG001 - the interface of steps
     """Lay the kept elements of one reading over the other, by priority.
 
     Images of one size and camera (within 1 px); scans of the same beams; of readings of one value
@@ -230,7 +230,7 @@ def refuse_mismatch(layer: AnyMasked, ground: AnyMasked) -> None:
             for one, reading in ((a, upper), (b, lower))
         )
         raise CannotMixError("mismatch", f"overlay of {sizes}: add a resize step")
-    apart_px = disagreement_px(a, b)
+    apart_px = camera_disagreement_px(a, b)
     if not apart_px <= MAX_DISAGREEMENT_PX:
         raise CannotMixError(
             "mismatch",

@@ -9,14 +9,14 @@ from typing import Annotated, Literal
 from pydantic import Field, model_validator
 
 from wil_campaign.foundation.files.documents import KeyFaultError, Part
-from wil_campaign.recipes.model.registry import Context, SidedParameters, StepParameters, step
+from wil_campaign.recipes.model.registry import SidedParameters, StepContext, StepParameters, step
 from wil_campaign.recipes.operations.optics import (
     Aspect,
     ImageReading,
-    cropped,
-    reframed,
-    remapped,
-    size_of,
+    cropped_image,
+    image_size_px,
+    reframed_image,
+    remapped_image,
 )
 from wil_campaign.recipes.operations.step_parameters import (
     IMAGE_SENSORS,
@@ -48,14 +48,14 @@ class Size(Part):
     height_px: SizePx
 
 
-def refuse_own(parameters: SidedParameters, to: object, what: str) -> None:
+def refuse_own_side(parameters: SidedParameters, to: object, what: str) -> None:
     """Raise KeyFaultError when an image transform's target is the side that it works on."""
     if to in parameters.sides():
         message = f"{to} would get its own {what}, as 'on' is {parameters.on}; name the other side"
         raise KeyFaultError("to", message)
 
 
-def require_other(name: str, to: Side, other: Work | None) -> Work:
+def require_other_side(name: str, to: Side, other: Work | None) -> Work:
     """Return the other side, whose geometry is used. Raises CannotMixError if it is missing."""
     if other is None:
         missing: DropReason = "no_real" if to == "real" else "no_twin"
@@ -79,12 +79,12 @@ class ResizeParameters(SidedParameters):
     @model_validator(mode="after")
     def _not_to_itself(self) -> "ResizeParameters":
         """Refuse an image resize to the side's own size."""
-        refuse_own(self, self.to, "size")
+        refuse_own_side(self, self.to, "size")
         return self
 
 
 @step("resize", stage="transform", sensors=IMAGE_SENSORS, parameters=ResizeParameters)
-def resize(parameters: ResizeParameters, context: Context) -> Operator:  # noqa: ARG001 - the interface of steps
+def resize(parameters: ResizeParameters, context: StepContext) -> Operator:  # noqa: ARG001 - the interface of steps
     """Scale an image to a size, or to the other side's, with its intrinsics, depth and ids.
 
     image_bgr (h, w, 3) uint8 to (h', w', 3); depth_m in metres and object_ids take the nearest. A
@@ -94,8 +94,10 @@ def resize(parameters: ResizeParameters, context: Context) -> Operator:  # noqa:
 
     def operator(work: Work, other: Work | None) -> Work:
         if isinstance(to, Size):
-            return reframed(work, to.width_px, to.height_px, aspect)
-        return reframed(work, *size_of(require_other("resize", to, other).reading), aspect)
+            return reframed_image(work, to.width_px, to.height_px, aspect)
+        return reframed_image(
+            work, *image_size_px(require_other_side("resize", to, other).reading), aspect
+        )
 
     return operator
 
@@ -115,7 +117,7 @@ class CropParameters(SidedParameters):
 
 
 @step("crop", stage="transform", sensors=IMAGE_SENSORS, parameters=CropParameters)
-def crop(parameters: CropParameters, context: Context) -> Operator:  # noqa: ARG001 - the interface of steps
+def crop(parameters: CropParameters, context: StepContext) -> Operator:  # noqa: ARG001 - the interface of steps
     """Cut a part out of an image, and adapt its intrinsics.
 
     image_bgr (h, w, 3) to (height_px, width_px, 3), likewise depth_m and object_ids. A part that
@@ -124,11 +126,11 @@ def crop(parameters: CropParameters, context: Context) -> Operator:  # noqa: ARG
     p = parameters
 
     def operator(work: Work, other: Work | None) -> Work:  # noqa: ARG001 - the interface
-        across, down = size_of(work.reading)
+        across, down = image_size_px(work.reading)
         left_px = (across - p.width_px) // 2 if p.left_px is None else p.left_px
         top_px = (down - p.height_px) // 2 if p.top_px is None else p.top_px
         try:
-            return cropped(work, left_px, top_px, p.width_px, p.height_px)
+            return cropped_image(work, left_px, top_px, p.width_px, p.height_px)
         except ValueError as error:
             raise CannotMixError("mismatch", f"crop: {error}") from None
 
@@ -150,12 +152,12 @@ class CameraModelParameters(SidedParameters):
     @model_validator(mode="after")
     def _not_to_itself(self) -> "CameraModelParameters":
         """Refuse imitating the side's own camera."""
-        refuse_own(self, self.to, "camera")
+        refuse_own_side(self, self.to, "camera")
         return self
 
 
 @step("camera_model", stage="transform", sensors=IMAGE_SENSORS, parameters=CameraModelParameters)
-def camera_model(parameters: CameraModelParameters, context: Context) -> Operator:  # noqa: ARG001 - the interface of steps
+def camera_model(parameters: CameraModelParameters, context: StepContext) -> Operator:  # noqa: ARG001 - the interface of steps
     """Convert an image to another camera's size, intrinsics and lens distortion.
 
     Each pixel (u, v) of the new image is traced through both models (OpenCV's pinhole with
@@ -167,8 +169,10 @@ def camera_model(parameters: CameraModelParameters, context: Context) -> Operato
 
     def operator(work: Work, other: Work | None) -> Work:
         if isinstance(to, IntrinsicsPart):
-            return remapped(work, to.intrinsics(), turn)
-        return remapped(work, require_other("camera_model", to, other).reading.intrinsics, turn)
+            return remapped_image(work, to.intrinsics(), turn)
+        return remapped_image(
+            work, require_other_side("camera_model", to, other).reading.intrinsics, turn
+        )
 
     return operator
 
@@ -186,6 +190,6 @@ class RegisterParameters(StepParameters):
 
 
 @step("register", stage="transform", sensors=_FROM_A_PLACE, parameters=RegisterParameters)
-def register(parameters: RegisterParameters, context: Context) -> PoseRequest:  # noqa: ARG001 - the interface of steps
+def register(parameters: RegisterParameters, context: StepContext) -> PoseRequest:  # noqa: ARG001 - the interface of steps
     """Take the twin's reading from a vehicle's pose at the time of the real one's exposure."""
     return PoseRequest(parameters.pose, parameters.align, parameters.max_gap_ms / 1000.0)

@@ -3,30 +3,30 @@
 The guard in this process applies them, the one in its own process gets the same by the channel.
 """
 
-from wil_campaign.foundation.processes.codec import Finite, Message
+from wil_campaign.foundation.processes.codec import Finite, ProcessMessage
 from wil_campaign.safety.fence.geofence import Fence
 from wil_campaign.safety.guard.core.operator_command import OperatorCommand
 
 FiniteVec3 = tuple[Finite, Finite, Finite]
 
 
-class Alive(Message, frozen=True):
+class OrchestratorAlive(ProcessMessage, frozen=True):
     """Message to the guard: a sign of life of the orchestrator; the first starts its timeout."""
 
 
-class Operate(Message, frozen=True):
+class OperatorAction(ProcessMessage, frozen=True):
     """Message to the guard: an operator's abort, hold or resume; an event reports it."""
 
     command: OperatorCommand
 
 
-class BringDown(Message, frozen=True):
+class BringDown(ProcessMessage, frozen=True):
     """Message to the guard: bring all down for a reason of the orchestrator."""
 
     reason: str
 
 
-class NewFences(Message, frozen=True):
+class NewFences(ProcessMessage, frozen=True):
     """Message to the guard: give vehicles new fences, all or none; who: gave the command.
 
     An event reports it. proposed: only report whether they could be given.
@@ -37,7 +37,7 @@ class NewFences(Message, frozen=True):
     proposed: bool = False
 
 
-class AnchorAt(Message, frozen=True):
+class AnchorAt(ProcessMessage, frozen=True):
     """Message to the guard: a vehicle's local frame in the world: its estimate is a position."""
 
     vehicle: str
@@ -45,34 +45,42 @@ class AnchorAt(Message, frozen=True):
     turn_rad: Finite
 
 
-class StartOutage(Message, frozen=True):
+class StartOutage(ProcessMessage, frozen=True):
     """Message to the guard: start a link outage between guard and vehicle for a while."""
 
     vehicle: str
     duration_s: Finite
 
 
-class OrchestratorEnded(Message, frozen=True):
+class OrchestratorEnded(ProcessMessage, frozen=True):
     """Message of the guard's process: the orchestrator is gone for good."""
 
 
-class VehicleGone(Message, frozen=True):
+class VehicleGone(ProcessMessage, frozen=True):
     """Message of the guard's process: a vehicle's process ended or hangs. text: the reason."""
 
     vehicle: str
     text: str
 
 
-class ClocksApart(Message, frozen=True):
+class ClocksApart(ProcessMessage, frozen=True):
     """Message of the guard's process: a vehicle's time left the run clock's. text: how."""
 
     vehicle: str
     text: str
 
 
-Command = Alive | Operate | BringDown | NewFences | AnchorAt | StartOutage
+Command = OrchestratorAlive | OperatorAction | BringDown | NewFences | AnchorAt | StartOutage
 """What an orchestrator sends."""
 Trouble = VehicleGone | ClocksApart
 """What the guard's process finds wrong with a vehicle."""
-CoreMessage = Alive | Operate | BringDown | NewFences | AnchorAt | OrchestratorEnded | Trouble
+CoreMessage = (
+    OrchestratorAlive
+    | OperatorAction
+    | BringDown
+    | NewFences
+    | AnchorAt
+    | OrchestratorEnded
+    | Trouble
+)
 """What the guard's core applies: all but an outage, which is a matter of the links."""

@@ -7,10 +7,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
 
-from wil_campaign.vehicles.autopilots.autopilot import Mode
+from wil_campaign.vehicles.autopilots.autopilot import FlightMode
 
 
-class Phase(Enum):
+class ContingencyPhase(Enum):
     """The phase of a contingency; the value is what people read."""
 
     IDLE = "not needed"
@@ -25,7 +25,7 @@ class Phase(Enum):
     DOWN = "down"
 
 
-class Action(Enum):
+class ContingencyAction(Enum):
     """What a contingency has the guard send to the vehicle."""
 
     ZERO = "zero velocity"
@@ -37,7 +37,7 @@ class Action(Enum):
 
 
 @dataclass(frozen=True, slots=True)
-class Facts:
+class ContingencyFacts:
     """The known facts of a vehicle for its contingency; None is unknown.
 
     armed, mode, landed: as last reported (armed also after a command to arm was just forwarded).
@@ -46,7 +46,7 @@ class Facts:
     """
 
     armed: bool | None
-    mode: Mode | None
+    mode: FlightMode | None
     landed: bool | None
     failsafe: bool = False
     pilot: bool = False
@@ -55,9 +55,9 @@ class Facts:
     seen_s: float | None = None
 
 
-def require_landing(mode: Mode) -> None:
+def require_landing(mode: FlightMode) -> None:
     """Raise ValueError if a contingency's landing mode is neither LAND nor RTL."""
-    if mode not in {Mode.LAND, Mode.RTL}:
+    if mode not in {FlightMode.LAND, FlightMode.RTL}:
         raise ValueError(f"{mode.value!r} is not a landing mode")
 
 
@@ -73,7 +73,7 @@ class ContingencyPlan:
     any usual fence takes less.
     """
 
-    landing: Mode = Mode.LAND
+    landing: FlightMode = FlightMode.LAND
     terminate: bool = False
     hold_timeout_s: float = 2.0
     settle_s: float = 1.0
@@ -93,14 +93,14 @@ class ContingencyPlan:
 class _View:
     """The facts and the memory of a contingency, for the conditions of its table."""
 
-    facts: Facts
+    facts: ContingencyFacts
     plan: ContingencyPlan
     elapsed_s: float
     stalls: int
     """Stalls since the vehicle was first commanded to land."""
     stalled: bool
     """Whether a stall was detected in this step."""
-    landing: Mode
+    landing: FlightMode
     level_s: float
     """How long the vehicle has not descended in this phase."""
     overruled: bool
@@ -115,23 +115,23 @@ class _Step:
     """A row of the contingency's table: condition, next phase, and why."""
 
     condition: Condition
-    to: Phase
+    to: ContingencyPhase
     why: str
 
 
 def _holds(v: _View) -> bool:
     slow = v.facts.speed_m_s is not None and v.facts.speed_m_s < v.plan.still_m_s
-    return v.facts.mode is Mode.HOLD and (slow or v.elapsed_s >= v.plan.settle_s)
+    return v.facts.mode is FlightMode.HOLD and (slow or v.elapsed_s >= v.plan.settle_s)
 
 
 def _own_failsafe(v: _View) -> bool:
     """Return whether the autopilot flies its own failsafe, so the contingency waits."""
-    flies_it = v.facts.mode not in {Mode.HOLD, Mode.GUIDED, Mode.LAND}
+    flies_it = v.facts.mode not in {FlightMode.HOLD, FlightMode.GUIDED, FlightMode.LAND}
     return v.facts.failsafe and flies_it and not v.overruled
 
 
 def _lands_already(v: _View) -> bool:
-    return v.facts.mode is Mode.LAND
+    return v.facts.mode is FlightMode.LAND
 
 
 def _has_landed(v: _View) -> bool:
@@ -139,7 +139,7 @@ def _has_landed(v: _View) -> bool:
 
 
 def _has_left_landing(v: _View) -> bool:
-    return v.facts.mode not in {v.landing, Mode.LAND}
+    return v.facts.mode not in {v.landing, FlightMode.LAND}
 
 
 def _has_not_helped(v: _View) -> bool:
@@ -153,71 +153,75 @@ def _hopeless(v: _View) -> bool:
 
 
 _LAND_SEEN = _Step(
-    lambda v: v.facts.mode is v.landing, Phase.DESCEND, "its landing mode is confirmed"
+    lambda v: v.facts.mode is v.landing, ContingencyPhase.DESCEND, "its landing mode is confirmed"
 )
-_ON_GROUND = _Step(_has_landed, Phase.DISARM, "it is on the ground")
-_FAILSAFE = _Step(_own_failsafe, Phase.SUPERVISE, "its own failsafe is active")
-_HOPELESS = _Step(_hopeless, Phase.TERMINATE, "it does not descend")
+_ON_GROUND = _Step(_has_landed, ContingencyPhase.DISARM, "it is on the ground")
+_FAILSAFE = _Step(_own_failsafe, ContingencyPhase.SUPERVISE, "its own failsafe is active")
+_HOPELESS = _Step(_hopeless, ContingencyPhase.TERMINATE, "it does not descend")
 
 _ALWAYS: tuple[_Step, ...] = (
-    _Step(lambda v: v.facts.armed is False, Phase.DOWN, "it is disarmed"),
-    _Step(lambda v: v.facts.pilot, Phase.PILOT, "the pilot has control"),
+    _Step(lambda v: v.facts.armed is False, ContingencyPhase.DOWN, "it is disarmed"),
+    _Step(lambda v: v.facts.pilot, ContingencyPhase.PILOT, "the pilot has control"),
 )
 """Checked first in every phase."""
 
-_TABLE: dict[Phase, tuple[_Step, ...]] = {
-    Phase.HOLD: (
+_TABLE: dict[ContingencyPhase, tuple[_Step, ...]] = {
+    ContingencyPhase.HOLD: (
         _ON_GROUND,
-        _Step(_lands_already, Phase.DESCEND, "it is landing already"),
+        _Step(_lands_already, ContingencyPhase.DESCEND, "it is landing already"),
         _FAILSAFE,
-        _Step(_holds, Phase.LAND, "it holds"),
+        _Step(_holds, ContingencyPhase.LAND, "it holds"),
         _Step(
-            lambda v: v.facts.mode is not Mode.HOLD and v.elapsed_s >= v.plan.hold_timeout_s,
-            Phase.LAND,
+            lambda v: v.facts.mode is not FlightMode.HOLD and v.elapsed_s >= v.plan.hold_timeout_s,
+            ContingencyPhase.LAND,
             "its hold mode was not confirmed",
         ),
     ),
-    Phase.LAND: (
+    ContingencyPhase.LAND: (
         _ON_GROUND,
         _LAND_SEEN,
-        _Step(_lands_already, Phase.DESCEND, "it is landing already"),
+        _Step(_lands_already, ContingencyPhase.DESCEND, "it is landing already"),
         _FAILSAFE,
         _HOPELESS,
     ),
-    Phase.DESCEND: (
+    ContingencyPhase.DESCEND: (
         _ON_GROUND,
         _FAILSAFE,
-        _Step(_has_left_landing, Phase.LAND, "it left its landing mode"),
+        _Step(_has_left_landing, ContingencyPhase.LAND, "it left its landing mode"),
         _HOPELESS,
-        _Step(lambda v: v.stalled, Phase.LAND, "it does not descend"),
+        _Step(lambda v: v.stalled, ContingencyPhase.LAND, "it does not descend"),
     ),
-    Phase.SUPERVISE: (
+    ContingencyPhase.SUPERVISE: (
         _ON_GROUND,
-        _Step(_lands_already, Phase.DESCEND, "its failsafe lands it"),
-        _Step(_has_not_helped, Phase.LAND, "its own failsafe does not land it"),
+        _Step(_lands_already, ContingencyPhase.DESCEND, "its failsafe lands it"),
+        _Step(_has_not_helped, ContingencyPhase.LAND, "its own failsafe does not land it"),
         _Step(
-            lambda v: not _own_failsafe(v) and v.facts.mode is not Mode.RTL,
-            Phase.HOLD,
+            lambda v: not _own_failsafe(v) and v.facts.mode is not FlightMode.RTL,
+            ContingencyPhase.HOLD,
             "its own failsafe ended",
         ),
     ),
-    Phase.DISARM: (_Step(lambda v: v.facts.landed is False, Phase.HOLD, "it is in the air again"),),
-    Phase.TERMINATE: (),
-    Phase.DOWN: (_Step(lambda v: v.facts.armed is True, Phase.HOLD, "it is armed again"),),
-    Phase.PILOT: (),
+    ContingencyPhase.DISARM: (
+        _Step(lambda v: v.facts.landed is False, ContingencyPhase.HOLD, "it is in the air again"),
+    ),
+    ContingencyPhase.TERMINATE: (),
+    ContingencyPhase.DOWN: (
+        _Step(lambda v: v.facts.armed is True, ContingencyPhase.HOLD, "it is armed again"),
+    ),
+    ContingencyPhase.PILOT: (),
 }
 
-_REPEATED: dict[Phase, tuple[Action, ...]] = {
-    Phase.PAUSE: (Action.HOLD,),
-    Phase.HOLD: (Action.HOLD,),
-    Phase.LAND: (Action.LAND,),
-    Phase.DISARM: (Action.LAND, Action.DISARM),
-    Phase.TERMINATE: (Action.TERMINATE,),
+_REPEATED: dict[ContingencyPhase, tuple[ContingencyAction, ...]] = {
+    ContingencyPhase.PAUSE: (ContingencyAction.HOLD,),
+    ContingencyPhase.HOLD: (ContingencyAction.HOLD,),
+    ContingencyPhase.LAND: (ContingencyAction.LAND,),
+    ContingencyPhase.DISARM: (ContingencyAction.LAND, ContingencyAction.DISARM),
+    ContingencyPhase.TERMINATE: (ContingencyAction.TERMINATE,),
 }
 """Sent on entering a phase, and again every `retry_s` while it lasts."""
 
-_STREAMING = frozenset({Phase.PAUSE, Phase.HOLD, Phase.LAND})
-_NO_STREAM_IN = frozenset({Mode.HOLD, Mode.LAND, Mode.RTL})
+_STREAMING = frozenset({ContingencyPhase.PAUSE, ContingencyPhase.HOLD, ContingencyPhase.LAND})
+_NO_STREAM_IN = frozenset({FlightMode.HOLD, FlightMode.LAND, FlightMode.RTL})
 
 
 class Contingency:
@@ -228,12 +232,12 @@ class Contingency:
 
     def __init__(self, plan: ContingencyPlan) -> None:
         self.plan = plan
-        self.phase = Phase.IDLE
+        self.phase = ContingencyPhase.IDLE
         self.notes: list[str] = []
         """Phase changes since the notes were last read, as text."""
         self._entered_s = 0.0
         self._sent_s: float | None = None
-        self._landing: Mode = plan.landing
+        self._landing: FlightMode = plan.landing
         self._overruled = False
         self._stalls = 0
         self._lowest_m: float | None = None
@@ -243,41 +247,41 @@ class Contingency:
     @property
     def started(self) -> bool:
         """Return whether the contingency was started."""
-        return self.phase is not Phase.IDLE and self.phase is not Phase.PAUSE
+        return self.phase is not ContingencyPhase.IDLE and self.phase is not ContingencyPhase.PAUSE
 
     @property
     def down(self) -> bool:
         """Return whether the contingency's vehicle is disarmed."""
-        return self.phase is Phase.DOWN
+        return self.phase is ContingencyPhase.DOWN
 
-    def start(self, facts: Facts, t_s: float) -> list[Action]:
+    def start(self, facts: ContingencyFacts, t_s: float) -> list[ContingencyAction]:
         """Start the contingency, if it has not begun; return what to send at once."""
         if self.started:
             return []
-        self._enter(Phase.HOLD, t_s, "it is being landed")
+        self._enter(ContingencyPhase.HOLD, t_s, "it is being landed")
         return self.step(facts, t_s)
 
-    def pause(self, facts: Facts, t_s: float) -> list[Action]:
+    def pause(self, facts: ContingencyFacts, t_s: float) -> list[ContingencyAction]:
         """Have the contingency hold the vehicle until `resume`; ignored once started."""
-        if self.phase is not Phase.IDLE:
+        if self.phase is not ContingencyPhase.IDLE:
             return []
-        self._enter(Phase.PAUSE, t_s, "the operator commanded hold")
+        self._enter(ContingencyPhase.PAUSE, t_s, "the operator commanded hold")
         return self.step(facts, t_s)
 
     def resume(self, t_s: float) -> None:
         """End the contingency's pause; ignored once started."""
-        if self.phase is Phase.PAUSE:
-            self._enter(Phase.IDLE, t_s, "the operator commanded resume")
+        if self.phase is ContingencyPhase.PAUSE:
+            self._enter(ContingencyPhase.IDLE, t_s, "the operator commanded resume")
 
-    def step(self, facts: Facts, t_s: float) -> list[Action]:
+    def step(self, facts: ContingencyFacts, t_s: float) -> list[ContingencyAction]:
         """Step the contingency by the present facts; return what to send now."""
-        if self.phase is Phase.IDLE:
+        if self.phase is ContingencyPhase.IDLE:
             return []
-        if self.phase is not Phase.PAUSE:
+        if self.phase is not ContingencyPhase.PAUSE:
             self._advance(facts, t_s)
         return self._actions(facts, t_s)
 
-    def _advance(self, facts: Facts, t_s: float) -> None:
+    def _advance(self, facts: ContingencyFacts, t_s: float) -> None:
         # One phase a step: the actions of a phase are sent before it is left.
         stalled = self._find_stall(facts, t_s)
         view = _View(
@@ -295,19 +299,26 @@ class Contingency:
                 self._enter(step.to, t_s, step.why)
                 return
 
-    def _enter(self, phase: Phase, t_s: float, why: str) -> None:
-        if phase is Phase.LAND and self.phase in {Phase.DESCEND, Phase.SUPERVISE}:
+    def _enter(self, phase: ContingencyPhase, t_s: float, why: str) -> None:
+        if phase is ContingencyPhase.LAND and self.phase in {
+            ContingencyPhase.DESCEND,
+            ContingencyPhase.SUPERVISE,
+        }:
             # The mode or failsafe that did not bring it down once is not waited for again.
-            self._landing = Mode.LAND
-            self._overruled = self._overruled or self.phase is Phase.SUPERVISE
+            self._landing = FlightMode.LAND
+            self._overruled = self._overruled or self.phase is ContingencyPhase.SUPERVISE
         self.notes.append(f"{phase.value}: {why}")
         self.phase, self._entered_s, self._sent_s = phase, t_s, None
         self._progress_s = None
         self._lower_s = t_s
 
-    def _find_stall(self, facts: Facts, t_s: float) -> bool:
+    def _find_stall(self, facts: ContingencyFacts, t_s: float) -> bool:
         """Return whether fresh positions show no progress for `stall_s`; count the stall."""
-        if self.phase not in {Phase.LAND, Phase.DESCEND, Phase.SUPERVISE}:
+        if self.phase not in {
+            ContingencyPhase.LAND,
+            ContingencyPhase.DESCEND,
+            ContingencyPhase.SUPERVISE,
+        }:
             return False
         if not self._fresh(facts, t_s):
             # Without fresh positions a stall cannot be shown: its time starts again.
@@ -327,37 +338,40 @@ class Contingency:
         self._stalls += 1
         return True
 
-    def _fresh(self, facts: Facts, t_s: float) -> bool:
+    def _fresh(self, facts: ContingencyFacts, t_s: float) -> bool:
         known = facts.up_m is not None and facts.seen_s is not None
         return known and t_s - (facts.seen_s or 0.0) <= self.plan.fresh_s
 
-    def _sinks(self, facts: Facts) -> bool:
+    def _sinks(self, facts: ContingencyFacts) -> bool:
         return (self._lowest_m or 0.0) - (facts.up_m or 0.0) >= self.plan.descent_m
 
-    def _is_on_its_way(self, facts: Facts) -> bool:
+    def _is_on_its_way(self, facts: ContingencyFacts) -> bool:
         # A return to launch climbs and flies level for long: any motion is progress there.
-        returns = self.phase is Phase.SUPERVISE or facts.mode is Mode.RTL
+        returns = self.phase is ContingencyPhase.SUPERVISE or facts.mode is FlightMode.RTL
         return returns and (facts.speed_m_s or 0.0) > self.plan.still_m_s
 
-    def _actions(self, facts: Facts, t_s: float) -> list[Action]:
-        if self.phase is Phase.PAUSE and facts.armed is False:
+    def _actions(self, facts: ContingencyFacts, t_s: float) -> list[ContingencyAction]:
+        if self.phase is ContingencyPhase.PAUSE and facts.armed is False:
             return []
         streaming = self.phase in _STREAMING and facts.mode not in _NO_STREAM_IN
-        actions = [Action.ZERO] if streaming else []
+        actions = [ContingencyAction.ZERO] if streaming else []
         if self._sent_s is None or t_s - self._sent_s >= self.plan.retry_s - 1e-9:
             self._sent_s = t_s
             actions += self._repeat_message(facts, t_s - self._entered_s)
         return actions
 
-    def _repeat_message(self, facts: Facts, elapsed_s: float) -> list[Action]:
-        if self.phase in {Phase.PAUSE, Phase.HOLD} and facts.mode is Mode.HOLD:
+    def _repeat_message(self, facts: ContingencyFacts, elapsed_s: float) -> list[ContingencyAction]:
+        if (
+            self.phase in {ContingencyPhase.PAUSE, ContingencyPhase.HOLD}
+            and facts.mode is FlightMode.HOLD
+        ):
             return []
         actions = list(_REPEATED.get(self.phase, ()))
-        if self.phase is Phase.LAND:
+        if self.phase is ContingencyPhase.LAND:
             patient = elapsed_s < 2.0 * self.plan.hold_timeout_s
-            if self._landing is Mode.RTL and patient:
-                actions = [Action.RTL]
+            if self._landing is FlightMode.RTL and patient:
+                actions = [ContingencyAction.RTL]
             if self._stalls:
                 # In the air an autopilot refuses to disarm; one that missed its touchdown obeys.
-                actions.append(Action.DISARM)
+                actions.append(ContingencyAction.DISARM)
         return actions

@@ -7,7 +7,7 @@ from wil_campaign.safety.fence.geofence import Fence
 from wil_campaign.safety.guard.core.contingency import require_landing
 from wil_campaign.safety.guard.core.setpoint_limits import SetpointLimits
 from wil_campaign.safety.model.verdict import DecisiveEvent, DecisiveKind
-from wil_campaign.vehicles.autopilots.autopilot import Autopilot, Mode, Target
+from wil_campaign.vehicles.autopilots.autopilot import Autopilot, FlightMode, MavlinkTarget
 from wil_campaign.vehicles.autopilots.failsafes import OWN_SYSTEM_ID
 
 Cause = Literal["fence", "silence", "lost", "failsafe", "takeover", "abort", "bring_down", "clock"]
@@ -105,10 +105,10 @@ class GuardedVehicle:
     """
 
     autopilot: Autopilot
-    target: Target
+    target: MavlinkTarget
     fence: Fence | None = None
     attached: bool = False
-    landing: Mode = Mode.LAND
+    landing: FlightMode = FlightMode.LAND
     terminate: bool = False
     gcs: bool = False
     limits: SetpointLimits | None = None
@@ -149,7 +149,7 @@ class GuardSettings:
     component_id: int = 191
 
 
-def unrecorded(name: str, t_s: float, error: OSError) -> GuardEvent:
+def unrecorded_event(name: str, t_s: float, error: OSError) -> GuardEvent:
     """Return the event that a vehicle's frames are not recorded any more."""
     why = error.strerror or str(error)
     return GuardEvent(t_s, "record", name, f"the recording ended early: {name}.tlog: {why}")
@@ -179,7 +179,7 @@ _RECORDED_ALONE = frozenset({"record", "steered"})
 """What decides a run that its own program lands."""
 
 
-def decisive(event: GuardEvent) -> DecisiveEvent | None:
+def decisive_guard_event(event: GuardEvent) -> DecisiveEvent | None:
     """Return the decisive event of a guard event; None if it decides nothing.
 
     A `bring_down` has the orchestrator's own reason; a `hold` is INVALID only after t0, which the

@@ -3,12 +3,14 @@
 from collections.abc import Mapping
 
 from wil_campaign.safety.fence.geofence import Fence
-from wil_campaign.safety.fence.stopping import Motion
+from wil_campaign.safety.fence.stopping import VehicleMotion
 from wil_campaign.safety.guard.core.events import GuardSettings
 
 
 def refusal_of_changes(
-    fences: Mapping[str, Fence], motions: Mapping[str, Motion | None], settings: GuardSettings
+    fences: Mapping[str, Fence],
+    motions: Mapping[str, VehicleMotion | None],
+    settings: GuardSettings,
 ) -> str:
     """Return why the first of the vehicles cannot change its fence now; "" if all can.
 
@@ -29,7 +31,7 @@ def refusal_of_changes(
 
 def refusal_of_change(
     new: Fence,
-    motion: Motion | None,
+    motion: VehicleMotion | None,
     *,
     latency_s: float,
     braking_m_s2: float,

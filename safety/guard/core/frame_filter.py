@@ -16,12 +16,12 @@ from wil_campaign.vehicles.mavlink.fields import (
     OVERRIDE_GOTO,
     PARAM_SET,
     SET_MODE,
-    command_of,
+    command_in_frame,
     read_file_operation,
     read_parameter,
     read_target,
 )
-from wil_campaign.vehicles.mavlink.framing import Frame
+from wil_campaign.vehicles.mavlink.framing import MavlinkFrame
 from wil_campaign.vehicles.mavlink.names import command_name, message_name
 
 _CONFIGURATION = frozenset(
@@ -109,7 +109,7 @@ _TARGET_AT = {SET_MODE: 4, 82: 36, 84: 50, 86: 50}
 """The offset of the target system in the payloads of SET_MODE and of setpoints."""
 
 
-def is_harmless(frame: Frame, *, configures: bool) -> bool:
+def is_harmless_frame(frame: MavlinkFrame, *, configures: bool) -> bool:
     """Return whether a frame is forwarded while the orchestrator is not in command.
 
     configures: whether parameters, fence and mission may be set too: they are restored after a
@@ -117,18 +117,18 @@ def is_harmless(frame: Frame, *, configures: bool) -> bool:
     """
     if frame.message_id in _CONFIGURATION:
         return configures
-    command = command_of(frame)
+    command = command_in_frame(frame)
     if command is not None:
         return command.number in _HARMLESS_COMMANDS
     return frame.message_id in _HARMLESS or frame.message_id in ESTIMATES
 
 
-def only_reads(frame: Frame) -> bool:
+def is_read_only_frame(frame: MavlinkFrame) -> bool:
     """Return whether a ground station's frame changes nothing that a flight was checked with.
 
     What is not known to read only is taken to change something.
     """
-    command = command_of(frame)
+    command = command_in_frame(frame)
     if command is not None:
         return command.number in _READING_COMMANDS
     if frame.message_id == FILE_TRANSFER_PROTOCOL:
@@ -136,26 +136,26 @@ def only_reads(frame: Frame) -> bool:
     return frame.message_id in _HARMLESS or frame.message_id in _READING
 
 
-def is_stick_input(frame: Frame, system: int) -> bool:
+def is_stick_input(frame: MavlinkFrame, system: int) -> bool:
     """Return whether a ground station's frame holds stick positions for the vehicle `system`."""
     at = _STICKS_AT.get(frame.message_id)
     return at is not None and read_target(frame, at) in {0, system}
 
 
-def is_control(frame: Frame, system: int) -> bool:
+def is_control_frame(frame: MavlinkFrame, system: int) -> bool:
     """Return whether a ground station's frame takes control of the vehicle `system`."""
     at = _TARGET_AT.get(frame.message_id)
     if at is not None:
         return read_target(frame, at) in {0, system}
-    command = command_of(frame)
+    command = command_in_frame(frame)
     if command is None or command.system not in {0, system}:
         return False
     return command.number in _CONTROL_COMMANDS or command.disarms or command.cuts_motors
 
 
-def frame_name(frame: Frame) -> str:
+def frame_name(frame: MavlinkFrame) -> str:
     """Return a frame's name in messages: its MAVLink message, its parameter, or its command."""
     if frame.message_id == PARAM_SET:
         return f"PARAM_SET of {read_parameter(frame)}"
-    command = command_of(frame)
+    command = command_in_frame(frame)
     return message_name(frame.message_id) if command is None else command_name(command.number)

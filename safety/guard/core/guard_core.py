@@ -11,17 +11,21 @@ from collections.abc import Mapping, Sequence
 
 from wil_campaign.safety.fence.geofence import Fence
 from wil_campaign.safety.guard.core.commands import (
-    Alive,
     AnchorAt,
     BringDown,
     ClocksApart,
     CoreMessage,
     NewFences,
-    Operate,
+    OperatorAction,
+    OrchestratorAlive,
     OrchestratorEnded,
     VehicleGone,
 )
-from wil_campaign.safety.guard.core.contingency import Action, ContingencyPlan, Phase
+from wil_campaign.safety.guard.core.contingency import (
+    ContingencyAction,
+    ContingencyPhase,
+    ContingencyPlan,
+)
 from wil_campaign.safety.guard.core.events import (
     Cause,
     EventKind,
@@ -37,10 +41,10 @@ from wil_campaign.safety.guard.core.events import (
 from wil_campaign.safety.guard.core.fence_exchange import refusal_of_changes
 from wil_campaign.safety.guard.core.frame_filter import (
     frame_name,
-    is_control,
-    is_harmless,
+    is_control_frame,
+    is_harmless_frame,
+    is_read_only_frame,
     is_stick_input,
-    only_reads,
 )
 from wil_campaign.safety.guard.core.operator_command import OperatorCommand
 from wil_campaign.safety.guard.core.setpoint_frames import SETPOINTS
@@ -54,9 +58,9 @@ from wil_campaign.vehicles.mavlink.fields import (
     HEARTBEAT,
     LOCAL_POSITION_NED,
     SET_MODE,
-    command_of,
+    command_in_frame,
 )
-from wil_campaign.vehicles.mavlink.framing import Frame
+from wil_campaign.vehicles.mavlink.framing import MavlinkFrame
 from wil_campaign.vehicles.poses.anchor import Anchor
 from wil_campaign.worlds.frames import Vec3
 
@@ -94,7 +98,7 @@ class GuardCore:
         self._reported_of_all: set[str] = set()
 
     @property
-    def phases(self) -> dict[str, Phase]:
+    def phases(self) -> dict[str, ContingencyPhase]:
         """Return the contingency phase of each vehicle in the guard."""
         return {
             name: supervised.contingency.phase
@@ -133,11 +137,11 @@ class GuardCore:
         to_gcs = (ToGcs(name, raw),) if has_gcs else ()
         return (ToOrchestrator(name, raw), *to_gcs, *judged)
 
-    def split_from_vehicle(self, name: str, data: bytes) -> list[Frame]:
+    def split_from_vehicle(self, name: str, data: bytes) -> list[MavlinkFrame]:
         """Return the whole frames in bytes from a vehicle: to be forwarded, and then judged."""
         return self._supervised_vehicles[name].from_vehicle.feed(data)
 
-    def judge_vehicle(self, name: str, frames: Sequence[Frame], t_s: float) -> Outputs:
+    def judge_vehicle(self, name: str, frames: Sequence[MavlinkFrame], t_s: float) -> Outputs:
         """Judge a vehicle's frames, which were forwarded; return the guard's reaction."""
         supervised = self._supervised_vehicles[name]
         out: list[Output] = []
@@ -190,14 +194,14 @@ class GuardCore:
         return (*((ToVehicle(name, tuple(forwarded)),) if forwarded else ()), *events)
 
     def _admit(
-        self, supervised: SupervisedVehicle, frame: Frame, t_s: float
+        self, supervised: SupervisedVehicle, frame: MavlinkFrame, t_s: float
     ) -> tuple[bool, Outputs]:
         """Return whether a ground station's frame is forwarded, and the guard's reaction to it."""
         seen, system = supervised.seen, supervised.vehicle.target.system
-        if seen.taken_over or only_reads(frame):
+        if seen.taken_over or is_read_only_frame(frame):
             return True, ()
         by = f"the ground station {frame.system}/{frame.component}"
-        if is_control(frame, system):
+        if is_control_frame(frame, system):
             if not seen.may_be_armed(t_s):
                 return True, ()
             seen.taken_over = True
@@ -229,9 +233,9 @@ class GuardCore:
         Raises ValueError for an operator's geofence: its document is read first, see `NewFences`.
         """
         match message:
-            case Alive():
+            case OrchestratorAlive():
                 return self._note_alive(t_s)
-            case Operate(command):
+            case OperatorAction(command):
                 return self._operate(command, t_s)
             case BringDown(reason):
                 return tuple(self._latch("bring_down", "", reason, t_s))
@@ -324,7 +328,7 @@ class GuardCore:
                 supervised.meter.lapse(t_s)
                 out += self._limitings(supervised, t_s)
         for supervised in self._supervised_vehicles.values():
-            if supervised.contingency.phase is not Phase.IDLE and not supervised.gone:
+            if supervised.contingency.phase is not ContingencyPhase.IDLE and not supervised.gone:
                 actions = supervised.contingency.step(supervised.seen.facts(t_s), t_s)
                 out += self._send(supervised, actions, t_s)
         return tuple(out)
@@ -345,7 +349,9 @@ class GuardCore:
         text = f"nothing received from {supervised.name} for {self.settings.vehicle_lost_s:g} s"
         return tuple(self._latch("lost", supervised.name, text, t_s))
 
-    def _read_frame(self, supervised: SupervisedVehicle, frame: Frame, t_s: float) -> Outputs:
+    def _read_frame(
+        self, supervised: SupervisedVehicle, frame: MavlinkFrame, t_s: float
+    ) -> Outputs:
         if frame.message_id == LOCAL_POSITION_NED:
             if supervised.seen.anchor is None and self.latched is None:
                 return ()
@@ -378,23 +384,25 @@ class GuardCore:
             return ()
         return tuple(self._latch("fence", supervised.name, f"{supervised.name} {breach}", t_s))
 
-    def _passes(self, supervised: SupervisedVehicle, frame: Frame, t_s: float) -> bool:
+    def _passes(self, supervised: SupervisedVehicle, frame: MavlinkFrame, t_s: float) -> bool:
         lands = self.latched is not None or supervised.contingency.started
         if lands or self.paused:
             seen = supervised.seen
             # Holding vehicles may get another fence; that moves none of them. Who is landing keeps
             # its failsafes, its return altitude and its fence until it is disarmed.
             still = not lands or not seen.may_be_armed(t_s)
-            return is_harmless(frame, configures=still and not seen.taken_over)
+            return is_harmless_frame(frame, configures=still and not seen.taken_over)
         if frame.message_id not in _COMMANDS:
             return True
-        command = command_of(frame)
+        command = command_in_frame(frame)
         if command is None:
             supervised.seen.note_mode_request(t_s)
             return True
         if command.cuts_motors and not supervised.vehicle.may_terminate:
             return False
-        if not is_harmless(frame, configures=False):  # a request for a message changes no mode
+        if not is_harmless_frame(
+            frame, configures=False
+        ):  # a request for a message changes no mode
             supervised.seen.note_command(command, t_s)
         return True
 
@@ -407,7 +415,7 @@ class GuardCore:
         ]
 
     def _drop(
-        self, supervised: SupervisedVehicle, frame: Frame, t_s: float, what: str = ""
+        self, supervised: SupervisedVehicle, frame: MavlinkFrame, t_s: float, what: str = ""
     ) -> Outputs:
         """Count a frame that is not forwarded; report the first of its kind, of the first kinds."""
         key = (supervised.name, what or frame_name(frame))
@@ -459,7 +467,7 @@ class GuardCore:
         return [self._event(t_s, kind, name, text)]
 
     def _send(
-        self, supervised: SupervisedVehicle, actions: list[Action], t_s: float
+        self, supervised: SupervisedVehicle, actions: list[ContingencyAction], t_s: float
     ) -> list[Output]:
         frames = [supervised.frame(action, t_s) for action in actions]
         beat_s = supervised.heartbeat_s

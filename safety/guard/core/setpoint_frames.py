@@ -14,7 +14,7 @@ from wil_campaign.vehicles.autopilots.autopilot import (
     IGNORE_YAW,
     IGNORE_YAW_RATE,
 )
-from wil_campaign.vehicles.mavlink.framing import Frame, with_payload
+from wil_campaign.vehicles.mavlink.framing import MavlinkFrame, frame_with_payload
 from wil_campaign.vehicles.poses.anchor import Anchor
 from wil_campaign.vehicles.setpoints import PositionSetpoint, Setpoint, VelocitySetpoint
 
@@ -25,7 +25,7 @@ _MAV_FRAME_LOCAL_NED = 1
 _layout = struct.Struct("<I11fHBBB")
 
 
-def read_setpoint(frame: Frame, anchor: Anchor | None) -> Setpoint | None:
+def read_setpoint(frame: MavlinkFrame, anchor: Anchor | None) -> Setpoint | None:
     """Return a frame's setpoint in the world frame; None if it cannot be limited.
 
     anchor: the place of the autopilot's local frame in the world; None if it is the world's frame.
@@ -51,7 +51,9 @@ def read_setpoint(frame: Frame, anchor: Anchor | None) -> Setpoint | None:
     return None
 
 
-def rewritten(frame: Frame, setpoint: Setpoint, anchor: Anchor | None) -> bytes:
+def rewritten_setpoint_frame(
+    frame: MavlinkFrame, setpoint: Setpoint, anchor: Anchor | None
+) -> bytes:
     """Return the setpoint frame with another position or velocity, the rest unchanged."""
     local = setpoint if anchor is None else anchor.to_local(setpoint)
     fields = list(_layout.unpack(_pad_payload(frame)))
@@ -59,10 +61,10 @@ def rewritten(frame: Frame, setpoint: Setpoint, anchor: Anchor | None) -> bytes:
         fields[1:4] = local.position_ned_m
     else:
         fields[4:7] = local.velocity_ned_m_s
-    return with_payload(frame, _layout.pack(*fields))
+    return frame_with_payload(frame, _layout.pack(*fields))
 
 
-def _pad_payload(frame: Frame) -> bytes:
+def _pad_payload(frame: MavlinkFrame) -> bytes:
     """Return a setpoint frame's payload padded to its full size."""
     return frame.payload.ljust(_layout.size, b"\0")
 

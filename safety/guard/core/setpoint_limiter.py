@@ -11,7 +11,7 @@ import math
 from dataclasses import dataclass
 
 from wil_campaign.safety.fence.geofence import Fence
-from wil_campaign.safety.fence.stopping import Motion
+from wil_campaign.safety.fence.stopping import VehicleMotion
 from wil_campaign.safety.guard.core.setpoint_limits import SetpointLimits
 from wil_campaign.vehicles.setpoints import PositionSetpoint, Setpoint, VelocitySetpoint
 from wil_campaign.worlds.frames import Vec3, add, norm, scale, subtract
@@ -64,7 +64,7 @@ class SetpointLimiter:
         self._fence = fence if self.limits.inside_fence else None
 
     def limit(
-        self, asked: Setpoint, motion: Motion | None, t_s: float
+        self, asked: Setpoint, motion: VehicleMotion | None, t_s: float
     ) -> tuple[Setpoint | None, tuple[LimitReport, ...]]:
         """Return the limited setpoint (None: nothing), and which limits took effect.
 
@@ -75,7 +75,7 @@ class SetpointLimiter:
         return self._limit_velocity(asked, motion, t_s)
 
     def _limit_velocity(
-        self, asked: VelocitySetpoint, motion: Motion | None, t_s: float
+        self, asked: VelocitySetpoint, motion: VehicleMotion | None, t_s: float
     ) -> tuple[Setpoint | None, tuple[LimitReport, ...]]:
         found: list[LimitReport] = []
         velocity = self._within_speed(asked.velocity_ned_m_s, found)
@@ -95,7 +95,7 @@ class SetpointLimiter:
         return scale(velocity, limit / speed)
 
     def _within_acceleration(
-        self, velocity: Vec3, motion: Motion | None, t_s: float, found: list[LimitReport]
+        self, velocity: Vec3, motion: VehicleMotion | None, t_s: float, found: list[LimitReport]
     ) -> Vec3:
         limit = self.limits.acceleration_m_s2
         if limit is None:
@@ -114,7 +114,7 @@ class SetpointLimiter:
         return add(before, scale(change, most / size))
 
     def _within_heights(
-        self, velocity: Vec3, motion: Motion | None, found: list[LimitReport]
+        self, velocity: Vec3, motion: VehicleMotion | None, found: list[LimitReport]
     ) -> Vec3:
         floor, ceiling = self.limits.floor_up_m, self.limits.ceiling_up_m
         climb = -velocity[2]
@@ -142,7 +142,7 @@ class SetpointLimiter:
         return math.sqrt(late * late + 2.0 * self._braking_m_s2 * room_m) - late
 
     def _within_fence(
-        self, velocity: Vec3, motion: Motion | None, found: list[LimitReport]
+        self, velocity: Vec3, motion: VehicleMotion | None, found: list[LimitReport]
     ) -> Vec3:
         fence, speed = self._fence, norm(velocity)
         if fence is None or speed <= _TOLERANCE_M_S:
@@ -161,7 +161,7 @@ class SetpointLimiter:
             asked = scale(velocity, part)
             return (
                 fence.breached(
-                    Motion(place, asked),
+                    VehicleMotion(place, asked),
                     latency_s=self._latency_s,
                     braking_m_s2=self._braking_m_s2,
                     keep_m=self.limits.keep_m,
@@ -182,7 +182,7 @@ class SetpointLimiter:
         return low
 
     def _limit_position(
-        self, asked: PositionSetpoint, motion: Motion | None
+        self, asked: PositionSetpoint, motion: VehicleMotion | None
     ) -> tuple[Setpoint | None, tuple[LimitReport, ...]]:
         found: list[LimitReport] = []
         target = self._at_height(asked.position_ned_m, found)

@@ -4,28 +4,28 @@ import math
 from dataclasses import dataclass
 from typing import Literal
 
-from wil_campaign.safety.fence.stopping import AccelerationEstimate, Motion
-from wil_campaign.safety.guard.core.contingency import Facts
+from wil_campaign.safety.fence.stopping import AccelerationEstimate, VehicleMotion
+from wil_campaign.safety.guard.core.contingency import ContingencyFacts
 from wil_campaign.safety.guard.core.events import GuardedVehicle, GuardSettings
 from wil_campaign.safety.guard.core.frozen_source import FrozenSource
 from wil_campaign.safety.guard.core.velocity_command import VelocityCommand
-from wil_campaign.vehicles.autopilots.autopilot import Mode
+from wil_campaign.vehicles.autopilots.autopilot import FlightMode
 from wil_campaign.vehicles.mavlink.fields import (
     EXTENDED_SYS_STATE,
     HEARTBEAT,
     LOCAL_POSITION_NED,
-    Command,
-    Heartbeat,
+    CommandFields,
+    HeartbeatFields,
     read_heartbeat,
     read_landed,
     read_local_position,
 )
-from wil_campaign.vehicles.mavlink.framing import Frame
+from wil_campaign.vehicles.mavlink.framing import MavlinkFrame
 from wil_campaign.vehicles.poses.anchor import Anchor
 from wil_campaign.vehicles.setpoints import Setpoint
 from wil_campaign.worlds.frames import Vec3, norm
 
-_LAND_AFTERWARDS = frozenset({Mode.LAND, Mode.RTL, Mode.MISSION})
+_LAND_AFTERWARDS = frozenset({FlightMode.LAND, FlightMode.RTL, FlightMode.MISSION})
 """Modes from which an autopilot lands by itself."""
 _FRESH_S = 1.0
 _ARMED_LATELY_S = 1.5
@@ -78,7 +78,7 @@ class ObservedVehicle:
         self._settings = settings
         self.last_received_s: float | None = None
         self.armed: bool | None = None
-        self.mode: Mode | None = None
+        self.mode: FlightMode | None = None
         self.landed: bool | None = None
         self.failsafe = False
         self.taken_over = False
@@ -95,7 +95,7 @@ class ObservedVehicle:
         self._speed_m_s: float | None = None
         self._seen_s: float | None = None
         self._world_s: float | None = None
-        self._motion: Motion | None = None
+        self._motion: VehicleMotion | None = None
         self._acceleration = AccelerationEstimate()
         self._commanded = VelocityCommand()
         self._reported_s: float | None = None
@@ -120,10 +120,10 @@ class ObservedVehicle:
         requested_s = self._arm_requested_s
         return requested_s is not None and t_s - requested_s <= self._settings.asked_s
 
-    def facts(self, t_s: float) -> Facts:
+    def facts(self, t_s: float) -> ContingencyFacts:
         """Return the observed state as facts for the vehicle's contingency."""
         armed = True if self.may_be_armed(t_s) else self.armed
-        return Facts(
+        return ContingencyFacts(
             armed=armed,
             mode=self.mode,
             landed=self.landed,
@@ -134,7 +134,7 @@ class ObservedVehicle:
             seen_s=self._seen_s,
         )
 
-    def note_command(self, command: Command, t_s: float) -> None:
+    def note_command(self, command: CommandFields, t_s: float) -> None:
         """Record a forwarded command of the orchestrator: its effect is expected."""
         self._requested_s = t_s
         if command.arms:
@@ -184,13 +184,13 @@ class ObservedVehicle:
         """Record a vehicle's position in the world; from then on only world heights are used."""
         self._world_s = t_s
         acceleration = self._acceleration.update(velocity_ned_m_s, t_s)
-        guided = self.mode is Mode.GUIDED
+        guided = self.mode is FlightMode.GUIDED
         commanded = self._commanded.velocity(t_s) if guided else None
-        self._motion = Motion(position_ned_m, velocity_ned_m_s, acceleration, commanded)
+        self._motion = VehicleMotion(position_ned_m, velocity_ned_m_s, acceleration, commanded)
         self._store_sample(position_ned_m, velocity_ned_m_s, t_s)
         self._ground.note(-position_ned_m[2], landed=self.landed is True)
 
-    def motion(self, t_s: float) -> Motion | None:
+    def motion(self, t_s: float) -> VehicleMotion | None:
         """Return the vehicle's observed motion in the world, if within the last second."""
         known = self._world_s is not None and t_s - self._world_s <= _FRESH_S
         return self._motion if known else None
@@ -200,7 +200,7 @@ class ObservedVehicle:
         lately = self._reported_s is not None and t_s - self._reported_s <= _REPORTED_S
         return lately and not self._source.is_frozen(t_s)
 
-    def read_position(self, frame: Frame, t_s: float) -> tuple[Vec3, Vec3] | None:
+    def read_position(self, frame: MavlinkFrame, t_s: float) -> tuple[Vec3, Vec3] | None:
         """Observe a LOCAL_POSITION_NED; return position and velocity in the world, if known."""
         if frame.message_id != LOCAL_POSITION_NED:
             return None
@@ -218,7 +218,7 @@ class ObservedVehicle:
         return self.anchor.position(position_m), self.anchor.velocity(velocity_m_s)
 
     def read_state(
-        self, frame: Frame, t_s: float, commanded: frozenset[Mode] | None
+        self, frame: MavlinkFrame, t_s: float, commanded: frozenset[FlightMode] | None
     ) -> ModeChange | None:
         """Observe a HEARTBEAT or EXTENDED_SYS_STATE; return an uncommanded mode change.
 
@@ -233,7 +233,7 @@ class ObservedVehicle:
         return None
 
     def _read_heartbeat(
-        self, heartbeat: Heartbeat, t_s: float, commanded: frozenset[Mode] | None
+        self, heartbeat: HeartbeatFields, t_s: float, commanded: frozenset[FlightMode] | None
     ) -> ModeChange | None:
         old, was_armed, old_name = self.mode, self.armed, self._mode_name
         was_critical, self._critical = self._critical, heartbeat.critical
@@ -245,7 +245,7 @@ class ObservedVehicle:
         if not heartbeat.armed:
             self.failsafe = False
             return None
-        if new is Mode.PILOT and not self._fell_back(old, was_critical=was_critical):
+        if new is FlightMode.PILOT and not self._fell_back(old, was_critical=was_critical):
             if self.taken_over:
                 return None
             self.taken_over = True
@@ -258,7 +258,7 @@ class ObservedVehicle:
         text = f"its autopilot changed from {old_name} to {self._mode_name} without a command"
         return ModeChange("failsafe", text)
 
-    def _fell_back(self, old: Mode | None, *, was_critical: bool) -> bool:
+    def _fell_back(self, old: FlightMode | None, *, was_critical: bool) -> bool:
         """Return whether the autopilot itself has entered a pilot's mode, by its last heartbeat.
 
         PX4 without setpoints changes from OFFBOARD to POSCTL by itself (COM_OBL_RC_ACT 0), and is
@@ -267,11 +267,11 @@ class ObservedVehicle:
         """
         if not self._critical or self._mode_name not in self._vehicle.autopilot.fallback_modes:
             return False
-        lost_guidance = old is Mode.GUIDED and not was_critical
-        return lost_guidance or (old is Mode.PILOT and self.failsafe)
+        lost_guidance = old is FlightMode.GUIDED and not was_critical
+        return lost_guidance or (old is FlightMode.PILOT and self.failsafe)
 
     def _is_unrequested(
-        self, old: Mode, new: Mode, t_s: float, commanded: frozenset[Mode] | None
+        self, old: FlightMode, new: FlightMode, t_s: float, commanded: frozenset[FlightMode] | None
     ) -> bool:
         requested = (
             self._requested_s is not None and t_s - self._requested_s <= self._settings.asked_s
@@ -279,16 +279,16 @@ class ObservedVehicle:
         if commanded is not None:
             # The effect of a request just before the guard took over may be reported only now; a
             # landing that follows the operator's hold is the autopilot's own.
-            lands_from_hold = new is Mode.LAND and old is Mode.HOLD
-            late = requested and new is not Mode.RTL and not lands_from_hold
-            return new not in commanded and new is not Mode.GUIDED and not late
+            lands_from_hold = new is FlightMode.LAND and old is FlightMode.HOLD
+            late = requested and new is not FlightMode.RTL and not lands_from_hold
+            return new not in commanded and new is not FlightMode.GUIDED and not late
         resumed_s = self._resumed_s
         is_held = resumed_s is not None and t_s - resumed_s <= self._settings.asked_s
-        if requested or (new is Mode.HOLD and is_held):
+        if requested or (new is FlightMode.HOLD and is_held):
             return False
-        if new in {Mode.LAND, Mode.RTL}:
+        if new in {FlightMode.LAND, FlightMode.RTL}:
             return old not in _LAND_AFTERWARDS
-        return old is Mode.GUIDED
+        return old is FlightMode.GUIDED
 
     def _store_sample(self, position_m: Vec3, velocity_m_s: Vec3, t_s: float) -> None:
         self._up_m = -position_m[2]

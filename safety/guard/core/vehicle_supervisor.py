@@ -7,17 +7,22 @@ import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
-from wil_campaign.safety.fence.geofence import Breach, Fence
-from wil_campaign.safety.fence.stopping import Motion
-from wil_campaign.safety.guard.core.contingency import Action, Contingency, ContingencyPlan, Phase
+from wil_campaign.safety.fence.geofence import Fence, FenceBreach
+from wil_campaign.safety.fence.stopping import VehicleMotion
+from wil_campaign.safety.guard.core.contingency import (
+    Contingency,
+    ContingencyAction,
+    ContingencyPhase,
+    ContingencyPlan,
+)
 from wil_campaign.safety.guard.core.events import GuardedVehicle, GuardSettings
-from wil_campaign.safety.guard.core.setpoint_frames import read_setpoint, rewritten
+from wil_campaign.safety.guard.core.setpoint_frames import read_setpoint, rewritten_setpoint_frame
 from wil_campaign.safety.guard.core.setpoint_limiter import LimitReport, SetpointLimiter
 from wil_campaign.safety.guard.core.vehicle_observer import ObservedVehicle
-from wil_campaign.vehicles.autopilots.autopilot import Mode
-from wil_campaign.vehicles.autopilots.registry import flies
-from wil_campaign.vehicles.mavlink.codec import Codec
-from wil_campaign.vehicles.mavlink.framing import Frame, FrameSplitter
+from wil_campaign.vehicles.autopilots.autopilot import FlightMode
+from wil_campaign.vehicles.autopilots.registry import is_flyable_vehicle
+from wil_campaign.vehicles.mavlink.codec import MavlinkCodec
+from wil_campaign.vehicles.mavlink.framing import FrameSplitter, MavlinkFrame
 from wil_campaign.vehicles.mavlink.heartbeats import HeartbeatKind, heartbeat_kind
 from wil_campaign.vehicles.mavlink.names import message_name
 from wil_campaign.vehicles.mavlink.vehicle_frames import VehicleFrames
@@ -55,10 +60,10 @@ class SetpointMeter:
 
     def through(
         self,
-        frame: Frame,
+        frame: MavlinkFrame,
         asked: Setpoint | None,
         anchor: Anchor | None,
-        motion: Motion | None,
+        motion: VehicleMotion | None,
         t_s: float,
     ) -> tuple[bytes | None, Setpoint | None]:
         """Return the frame to forward and its setpoint; None if nothing is forwarded.
@@ -74,7 +79,7 @@ class SetpointMeter:
             self._note(limit_report, t_s)
         if given is None or not found:
             return None if given is None else frame.raw, given
-        return rewritten(frame, given, anchor), given
+        return rewritten_setpoint_frame(frame, given, anchor), given
 
     def lapse(self, t_s: float) -> None:
         """Take that time has passed: report the limits that have ended."""
@@ -127,7 +132,7 @@ class SupervisedVehicle:
         self.contingency = Contingency(
             replace(plan, landing=vehicle.landing, terminate=vehicle.may_terminate)
         )
-        self.codec = Codec(system_id=settings.system_id, component_id=settings.component_id)
+        self.codec = MavlinkCodec(system_id=settings.system_id, component_id=settings.component_id)
         self.meter = _meter(vehicle, settings)
         self._settings = settings
         self.from_vehicle = FrameSplitter()
@@ -145,7 +150,7 @@ class SupervisedVehicle:
         """Return whether the vehicle can no longer be reached: its landing is not waited for."""
         return self.gone or (self.lost and self.vehicle.abandoned_when_lost)
 
-    def own_frames(self, frames: Iterable[Frame], t_s: float) -> Iterator[Frame]:
+    def own_frames(self, frames: Iterable[MavlinkFrame], t_s: float) -> Iterator[MavlinkFrame]:
         """Yield the vehicle's own frames among those from its link, in order.
 
         Those of other ids are not, nor heartbeats of another kind of sender with its ids, nor
@@ -162,25 +167,25 @@ class SupervisedVehicle:
                 yield from own
 
     def _is_of_vehicle(self, kind: HeartbeatKind) -> bool:
-        return flies(*kind) and kind.autopilot == self.vehicle.autopilot.mav_autopilot
+        return is_flyable_vehicle(*kind) and kind.autopilot == self.vehicle.autopilot.mav_autopilot
 
     @property
-    def commanded(self) -> frozenset[Mode] | None:
+    def commanded(self) -> frozenset[FlightMode] | None:
         """Return the modes the supervisor requests; None under the orchestrator."""
-        if self.contingency.phase is Phase.IDLE:
+        if self.contingency.phase is ContingencyPhase.IDLE:
             return None
-        if self.contingency.phase is Phase.PAUSE:
-            return frozenset({Mode.HOLD})
-        return frozenset({Mode.HOLD, Mode.LAND, self.vehicle.landing})
+        if self.contingency.phase is ContingencyPhase.PAUSE:
+            return frozenset({FlightMode.HOLD})
+        return frozenset({FlightMode.HOLD, FlightMode.LAND, self.vehicle.landing})
 
     @property
     def fence(self) -> Fence | None:
         """Return the fence that applies now: without floor for takeoff, landing, on the ground."""
         seen = self.seen
-        low = seen.on_ground or seen.mode is Mode.LAND or seen.mode is Mode.RTL
+        low = seen.on_ground or seen.mode is FlightMode.LAND or seen.mode is FlightMode.RTL
         return self._low_fence if low else self.vehicle.fence
 
-    def breach(self, t_s: float) -> Breach | None:
+    def breach(self, t_s: float) -> FenceBreach | None:
         """Return the breach of the fence that applies now, present or predicted, if any."""
         fence, motion = self.fence, self.seen.motion(t_s)
         if fence is None or motion is None:
@@ -192,7 +197,7 @@ class SupervisedVehicle:
             keep_m=self._settings.keep_m,
         )
 
-    def pass_setpoint(self, frame: Frame, t_s: float) -> bytes | None:
+    def pass_setpoint(self, frame: MavlinkFrame, t_s: float) -> bytes | None:
         """Return the setpoint frame to forward: unchanged, limited, or None."""
         raw: bytes | None = frame.raw
         setpoint = read_setpoint(frame, self.seen.anchor)
@@ -210,24 +215,24 @@ class SupervisedVehicle:
         if self.meter is not None:
             self.meter.change_fence(fence)
 
-    def frame(self, action: Action, t_s: float) -> bytes:
+    def frame(self, action: ContingencyAction, t_s: float) -> bytes:
         """Return the frame that sends a supervisor's action to the vehicle."""
         autopilot, target = self.vehicle.autopilot, self.vehicle.target
         match action:
-            case Action.ZERO:
+            case ContingencyAction.ZERO:
                 t_boot_ms = int(t_s * 1000.0)
                 message = autopilot.velocity_setpoint(
                     target, t_boot_ms=t_boot_ms, velocity_ned_m_s=_STANDING
                 )
-            case Action.HOLD:
-                message = autopilot.set_mode(target, Mode.HOLD)
-            case Action.LAND:
-                message = autopilot.set_mode(target, Mode.LAND)
-            case Action.RTL:
-                message = autopilot.set_mode(target, Mode.RTL)
-            case Action.DISARM:
+            case ContingencyAction.HOLD:
+                message = autopilot.set_mode(target, FlightMode.HOLD)
+            case ContingencyAction.LAND:
+                message = autopilot.set_mode(target, FlightMode.LAND)
+            case ContingencyAction.RTL:
+                message = autopilot.set_mode(target, FlightMode.RTL)
+            case ContingencyAction.DISARM:
                 message = autopilot.disarm(target)
-            case Action.TERMINATE:
+            case ContingencyAction.TERMINATE:
                 if not self.vehicle.may_terminate:
                     raise RuntimeError(f"{self.name} must not be terminated")
                 message = autopilot.terminate(target)

@@ -2,7 +2,7 @@
 
 import math
 
-from wil_campaign.safety.fence.stopping import Motion
+from wil_campaign.safety.fence.stopping import VehicleMotion
 from wil_campaign.vehicles.setpoints import Setpoint, VelocitySetpoint
 from wil_campaign.worlds.frames import Vec3, lerp
 
@@ -21,7 +21,7 @@ class VelocityCommand:
         self._commanded: Vec3 | None = None
         self._t_s = -math.inf
 
-    def note(self, setpoint: Setpoint | None, motion: Motion | None, t_s: float) -> None:
+    def note(self, setpoint: Setpoint | None, motion: VehicleMotion | None, t_s: float) -> None:
         """Record a setpoint, world frame; one that is no velocity ends the stream.
 
         motion: of the vehicle, from which a stream begins; None is taken as standing still.

@@ -45,14 +45,14 @@ def parse_line(line: bytes, *, token: str = "") -> OperatorCommand | Query:
     # ascii(): JSON allows half of a surrogate pair, which no log can hold.
     if extra := sorted(ascii(key)[1:-1] for key in set(request) - _KEYS):
         raise RefusedLineError(f"unknown keys: {', '.join(extra)[:_LONGEST_WHO]}")
-    if token and not same_token(request.get("token"), token):
+    if token and not is_operator_token(request.get("token"), token):
         raise RefusedLineError(
             "the token is wrong" if "token" in request else "a token is required"
         )
     command = request.get("command")
     if not isinstance(command, str) or command not in _WORDS:
         raise RefusedLineError(f"command must be one of {', '.join(_WORDS)}")
-    who = checked_who(request.get("who", "operator"))
+    who = checked_operator_name(request.get("who", "operator"))
     if command in _QUERIES:
         return cast("Query", command)
     return _command(cast("OperatorKind", command), who, request)
@@ -80,21 +80,21 @@ def _require_whole(what: str, text: str) -> None:
         raise RefusedLineError(f"{what} must be texts of whole characters")
 
 
-def checked_who(who: Any) -> str:
+def checked_operator_name(who: Any) -> str:
     """Return an operator's name if the log can hold it. Raises RefusedLineError."""
     if not isinstance(who, str) or not 1 <= len(who) <= _LONGEST_WHO or not who.isprintable():
         raise RefusedLineError(f"who must be a name of 1 to {_LONGEST_WHO} printable characters")
     return who
 
 
-def same_token(given: Any, token: str) -> bool:
+def is_operator_token(given: Any, token: str) -> bool:
     """Return whether an operator's token is right, in constant time."""
     return isinstance(given, str) and hmac.compare_digest(
         given.encode("utf-8", "replace"), token.encode()
     )
 
 
-def answer(*, ok: bool, text: str, command: str = "", **details: Any) -> bytes:
+def answer_line(*, ok: bool, text: str, command: str = "", **details: Any) -> bytes:
     """Return the reply line to an operator."""
     document = {"ok": ok, "command": command, "text": text, **details}
     return json.dumps(document, ensure_ascii=False).encode() + b"\n"

@@ -4,7 +4,7 @@ import asyncio
 from collections.abc import Callable
 from typing import Any
 
-from wil_campaign.safety.guard.core.commands import Operate
+from wil_campaign.safety.guard.core.commands import OperatorAction
 from wil_campaign.safety.guard.core.operator_command import OperatorCommand
 from wil_campaign.safety.guard.local_guard import LocalGuard
 from wil_campaign.safety.guard.operator.operator_lines import RefusedLineError
@@ -41,7 +41,7 @@ class OperatorOrders:
     def _execute(self, command: OperatorCommand) -> str:
         core = self._guard.core
         if command.kind == "abort":
-            self._guard.send(Operate(command))
+            self._guard.send(OperatorAction(command))
             return "all vehicles are being landed"
         if command.kind == "geofence":
             raise RefusedLineError("geofence: send this command to the campaign, not to the guard")
@@ -52,11 +52,11 @@ class OperatorOrders:
         if command.kind == "hold":
             if core.paused:
                 raise RefusedLineError("hold: all vehicles hold already")
-            self._guard.send(Operate(command))
+            self._guard.send(OperatorAction(command))
             return "all vehicles hold"
         if not core.paused:
             raise RefusedLineError("resume: no vehicle holds")
-        self._guard.send(Operate(command))
+        self._guard.send(OperatorAction(command))
         return "all vehicles resume"
 
     def status(self) -> dict[str, Any]:

@@ -14,13 +14,13 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, Self
 
-from wil_campaign.foundation.processes.linux import UnsupportedSystemError, peer_uid
+from wil_campaign.foundation.processes.linux import UnsupportedSystemError, socket_peer_uid
 from wil_campaign.safety.guard.core.operator_command import OperatorCommand
 from wil_campaign.safety.guard.operator.operator_lines import (
     LONGEST_LINE_BYTES,
     Query,
     RefusedLineError,
-    answer,
+    answer_line,
     parse_line,
 )
 from wil_campaign.safety.guard.operator.rate_limit import RateLimit
@@ -156,7 +156,9 @@ class OperatorSocket:
             except ValueError:
                 self._refuse("a line is too long")
                 writer.write(
-                    answer(ok=False, text=f"the line is longer than {LONGEST_LINE_BYTES} bytes")
+                    answer_line(
+                        ok=False, text=f"the line is longer than {LONGEST_LINE_BYTES} bytes"
+                    )
                 )
                 return
             if not line and (task not in self._watchers or writer.is_closing()):
@@ -184,19 +186,19 @@ class OperatorSocket:
             request = parse_line(line, token=self._token)
         except RefusedLineError as error:
             self._refuse(str(error))
-            writer.write(answer(ok=False, text=str(error)))
+            writer.write(answer_line(ok=False, text=str(error)))
             return None
         name = request.kind if isinstance(request, OperatorCommand) else request
         if name == "watch" and len(self._watchers) >= MOST_WATCHERS:
             message = f"{MOST_WATCHERS} watchers are connected already"
-            writer.write(answer(ok=False, text=message, command=name))
+            writer.write(answer_line(ok=False, text=message, command=name))
             return None
         try:
             text = self._obey(request) if isinstance(request, OperatorCommand) else "done"
         except RefusedLineError as error:
-            writer.write(answer(ok=False, text=str(error), command=name))
+            writer.write(answer_line(ok=False, text=str(error), command=name))
             return None
-        writer.write(answer(ok=True, text=text, command=name, **self._status()))
+        writer.write(answer_line(ok=True, text=text, command=name, **self._status()))
         return request
 
     def _become_watcher(self, task: _Client, writer: asyncio.StreamWriter) -> None:
@@ -209,7 +211,7 @@ class OperatorSocket:
 
     async def _send_status(self, writer: asyncio.StreamWriter) -> None:
         """Send a watcher the status, and wait until it has read it. Raises TimeoutError."""
-        writer.write(answer(ok=True, text="", command="watch", **self._status()))
+        writer.write(answer_line(ok=True, text="", command="watch", **self._status()))
         await _let_read(writer)
 
 
@@ -242,7 +244,7 @@ async def _settle(server: asyncio.Server) -> None:
 def _is_same_user(writer: asyncio.StreamWriter) -> bool:
     """Return whether the kernel says that the peer is the same user or root (SO_PEERCRED)."""
     try:
-        uid = peer_uid(writer.get_extra_info("socket"))
+        uid = socket_peer_uid(writer.get_extra_info("socket"))
     except UnsupportedSystemError:
         return True  # The file mode of the socket is the protection then.
     return uid in {os.getuid(), 0}

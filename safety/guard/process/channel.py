@@ -7,17 +7,21 @@ from collections.abc import Callable, Hashable
 from typing import Generic, TypeVar
 
 from wil_campaign.foundation.clocks.paced_loop import call_wall_later
-from wil_campaign.foundation.processes.codec import Codec, Message, MessageError
-from wil_campaign.safety.guard.process.messages import Bytes, FrameSent, Position
+from wil_campaign.foundation.processes.codec import (
+    MessageCodec,
+    ProcessMessage,
+    ProcessMessageError,
+)
+from wil_campaign.safety.guard.process.messages import FrameBytes, FrameSent, VehiclePosition
 
 _BUFFER_BYTES = 1 << 20
 LONGEST_PACKET_BYTES = 1 << 17
 _LONGEST_QUEUE = 10_000
-_DROPPABLE = (Bytes, Position, FrameSent)
+_DROPPABLE = (FrameBytes, VehiclePosition, FrameSent)
 """What is worth nothing when it comes late; all else is kept until the other end reads."""
 
 
-def channel_pair() -> tuple[socket.socket, socket.socket]:
+def guard_channel_pair() -> tuple[socket.socket, socket.socket]:
     """Return the two ends of a channel's packet socket; packets stay whole and in order."""
     ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     for end in (ours, theirs):
@@ -25,10 +29,10 @@ def channel_pair() -> tuple[socket.socket, socket.socket]:
     return ours, theirs
 
 
-Received = TypeVar("Received", bound=Message)
+Received = TypeVar("Received", bound=ProcessMessage)
 
 
-class Channel(Generic[Received]):
+class GuardChannel(Generic[Received]):
     """The message channel between guard process and orchestrator; it never blocks.
 
     receives: the messages of the other end. take: called with each of them; packets that cannot
@@ -41,7 +45,7 @@ class Channel(Generic[Received]):
         self,
         end: socket.socket,
         *,
-        receives: Codec[list[Received]],
+        receives: MessageCodec[list[Received]],
         take: Callable[[Received], None],
         closed: Callable[[], None],
     ) -> None:
@@ -50,9 +54,9 @@ class Channel(Generic[Received]):
         self._codec = receives
         self._take = take
         self._closed = closed
-        self._on_lost: list[Callable[[Message], None]] = []
+        self._on_lost: list[Callable[[ProcessMessage], None]] = []
         self._unsent: deque[bytes] = deque()
-        self._waiting: dict[Hashable, Message] = {}
+        self._waiting: dict[Hashable, ProcessMessage] = {}
         self._flush_timer: asyncio.Handle | None = None
         self._open = False
         self.dropped = 0
@@ -65,7 +69,7 @@ class Channel(Generic[Received]):
         self._loop = asyncio.get_running_loop()
         self._loop.add_reader(self._socket, self._read_packet)
 
-    def on_lost(self, listener: Callable[[Message], None]) -> None:
+    def on_lost(self, listener: Callable[[ProcessMessage], None]) -> None:
         """Register a listener for each message that is lost on the channel."""
         self._on_lost.append(listener)
 
@@ -90,7 +94,7 @@ class Channel(Generic[Received]):
         self._socket.close()
 
     def send(
-        self, message: Message, *, last: bool = False, replaces: Hashable | None = None
+        self, message: ProcessMessage, *, last: bool = False, replaces: Hashable | None = None
     ) -> None:
         """Send a message on the channel, and what waits; nothing to an end that is gone.
 
@@ -103,7 +107,7 @@ class Channel(Generic[Received]):
         waiting = self._take_waiting()
         self._send([*waiting, message] if last else [message, *waiting])
 
-    def send_soon(self, message: Message, *, key: Hashable, within_s: float) -> None:
+    def send_soon(self, message: ProcessMessage, *, key: Hashable, within_s: float) -> None:
         """Send a message on the channel with the next one, or after so much wall time.
 
         It takes the place of one with the same key that still waits.
@@ -118,7 +122,7 @@ class Channel(Generic[Received]):
     def _flush(self) -> None:
         self._send(self._take_waiting())
 
-    def _take_waiting(self) -> list[Message]:
+    def _take_waiting(self) -> list[ProcessMessage]:
         if self._flush_timer is not None:
             self._flush_timer.cancel()
             self._flush_timer = None
@@ -126,12 +130,12 @@ class Channel(Generic[Received]):
         self._waiting.clear()
         return waiting
 
-    def _send(self, messages: list[Message]) -> None:
+    def _send(self, messages: list[ProcessMessage]) -> None:
         if not self._open or not messages:
             return
         packet = self._codec.encode(messages)
         if len(packet) > LONGEST_PACKET_BYTES:
-            raise MessageError(f"a packet of {len(packet)} bytes is too long")
+            raise ProcessMessageError(f"a packet of {len(packet)} bytes is too long")
         if self._unsent:
             self._keep(messages, packet)
             return
@@ -142,7 +146,7 @@ class Channel(Generic[Received]):
         except OSError:
             return  # What it sent last is read first; then `_read` finds the end.
 
-    def _keep(self, messages: list[Message], packet: bytes) -> None:
+    def _keep(self, messages: list[ProcessMessage], packet: bytes) -> None:
         undroppable = [one for one in messages if not isinstance(one, _DROPPABLE)]
         self.dropped += len(messages) - len(undroppable)
         for listener in self._on_lost:
@@ -192,7 +196,7 @@ class Channel(Generic[Received]):
             return False
         try:
             messages = self._codec.decode(self._packet[:length])
-        except MessageError:
+        except ProcessMessageError:
             self.garbage += 1
             return True
         for message in messages:

@@ -4,10 +4,10 @@ import asyncio
 from collections.abc import Sequence
 from typing import Any, Self
 
-from wil_campaign.foundation.processes.codec import Message
-from wil_campaign.safety.guard.process.channel import LONGEST_PACKET_BYTES, Channel
-from wil_campaign.safety.guard.process.messages import Bytes, Unread
-from wil_campaign.vehicles.autopilots.autopilot import Target
+from wil_campaign.foundation.processes.codec import ProcessMessage
+from wil_campaign.safety.guard.process.channel import LONGEST_PACKET_BYTES, GuardChannel
+from wil_campaign.safety.guard.process.messages import FrameBytes, UnreadBytes
+from wil_campaign.vehicles.autopilots.autopilot import MavlinkTarget
 from wil_campaign.vehicles.driver.session.arrivals import Arrivals
 from wil_campaign.vehicles.links.link import ReceivingLink, TimesReceiver
 from wil_campaign.vehicles.mavlink.framing import FrameSplitter
@@ -28,9 +28,9 @@ class ChannelLink(ReceivingLink):
         *,
         name: str,
         index: int,
-        channel: Channel[Any] | None = None,
+        channel: GuardChannel[Any] | None = None,
         last: bool = False,
-        target: Target | None = None,
+        target: MavlinkTarget | None = None,
     ) -> None:
         self._name = name
         self._index = index
@@ -53,18 +53,18 @@ class ChannelLink(ReceivingLink):
         if self._loop is not None and self.channel is not None:
             if self._lost_count and not self.channel.congested:
                 count, self._lost_count = self._lost_count, 0
-                self.channel.send(Unread(self._index, self._lost_arrivals.take(), count))
+                self.channel.send(UnreadBytes(self._index, self._lost_arrivals.take(), count))
             for begin in range(0, len(data), _LONGEST_BYTES):
                 part = data[begin : begin + _LONGEST_BYTES]
-                self.channel.send(Bytes(self._index, self._loop.time(), part), last=self._last)
+                self.channel.send(FrameBytes(self._index, self._loop.time(), part), last=self._last)
 
-    def _lose(self, lost: Message) -> None:
+    def _lose(self, lost: ProcessMessage) -> None:
         """Note bytes that the other end did not read in time."""
-        if not isinstance(lost, Bytes) or lost.index != self._index:
+        if not isinstance(lost, FrameBytes) or lost.index != self._index:
             return
         self._lost_count += 1
         frames = FrameSplitter().feed(lost.data)
-        if any(Target(each.system, each.component) == self._target for each in frames):
+        if any(MavlinkTarget(each.system, each.component) == self._target for each in frames):
             self._lost_arrivals.note(lost.t_s)
 
     def arrive(self, data: bytes, t_s: float) -> None:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import msgspec
 
-from wil_campaign.foundation.processes.codec import Codec, MessageError
+from wil_campaign.foundation.processes.codec import MessageCodec, ProcessMessageError
 from wil_campaign.safety.fence.fence_values import fence_of_plain, plain_fence
 from wil_campaign.safety.fence.geofence import Fence
 from wil_campaign.safety.guard.core.contingency import ContingencyPlan
@@ -26,7 +26,7 @@ class GuardConfigError(ValueError):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Guarded:
+class GuardedVehicleConfig:
     """A vehicle in the config of a guard process.
 
     link: its link string; empty for a free UDP port of loopback, at which a vehicle is going to
@@ -59,7 +59,7 @@ class GuardConfig:
     run: str
     folder: str
     epoch_s: float
-    vehicles: Mapping[str, Guarded]
+    vehicles: Mapping[str, GuardedVehicleConfig]
     campaign: str = ""
     settings: GuardSettings = field(default_factory=GuardSettings)
     plan: ContingencyPlan = field(default_factory=ContingencyPlan)
@@ -76,7 +76,7 @@ class GuardConfig:
         """Return the guard config of `packed` bytes. Raises GuardConfigError."""
         try:
             guard_config = _codec.decode(packed)
-        except MessageError as error:
+        except ProcessMessageError as error:
             raise GuardConfigError(f"the guard's configuration cannot be read: {error}") from error
         if not guard_config.vehicles or not math.isfinite(guard_config.epoch_s):
             raise GuardConfigError(
@@ -85,7 +85,7 @@ class GuardConfig:
         return guard_config
 
 
-_codec: Codec[GuardConfig] = Codec(
+_codec: MessageCodec[GuardConfig] = MessageCodec(
     GuardConfig,
     plain={
         Fence: (plain_fence, fence_of_plain),

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import IO
 
 from wil_campaign.foundation.processes.child import ChildProcess
-from wil_campaign.safety.guard.process.channel import channel_pair
+from wil_campaign.safety.guard.process.channel import guard_channel_pair
 from wil_campaign.safety.guard.process.guard_stderr import open_stderr
 from wil_campaign.vehicles.links.link import LinkError
 from wil_campaign.vehicles.vehicle_server_process import vehicle_server
@@ -37,7 +37,7 @@ def spawn_guard(folder: str, *, scaled: bool, passed: Sequence[int] = ()) -> Lau
 
     passed: descriptors that it inherits for the vehicles that it will start.
     """
-    ours, theirs = channel_pair()
+    ours, theirs = guard_channel_pair()
     lifeline, hold = os.pipe()
     try:
         stderr = open_stderr(folder)

@@ -4,7 +4,7 @@ import json
 from pathlib import Path
 
 from wil_campaign.foundation.background_file import BackgroundFile
-from wil_campaign.foundation.processes.linux import rise_above_load
+from wil_campaign.foundation.processes.linux import raise_process_priority
 
 
 def guard_file(path: Path, *, append: bool = False) -> BackgroundFile:
@@ -12,7 +12,7 @@ def guard_file(path: Path, *, append: bool = False) -> BackgroundFile:
 
     Both use one interpreter lock: a thread of lower priority could keep the guard from it.
     """
-    return BackgroundFile(path, append=append, waits=False, begin=rise_above_load)
+    return BackgroundFile(path, append=append, waits=False, begin=raise_process_priority)
 
 
 class GuardLog:

@@ -25,28 +25,28 @@ from typing import Any
 
 from wil_campaign.foundation.clocks.paced_loop import PacedLoop, call_wall_later, wall_timeout
 from wil_campaign.foundation.clocks.quick_loop import quick_loop
-from wil_campaign.foundation.processes.child import ChildProcess, how_it_ended
+from wil_campaign.foundation.processes.child import ChildProcess, exit_status_text
 from wil_campaign.foundation.processes.clock_socket import clock_environment
 from wil_campaign.foundation.processes.fork_server import ForkServer
 from wil_campaign.foundation.processes.identity import ProcessId
-from wil_campaign.foundation.processes.linux import rise_above_load, stay_in_memory
-from wil_campaign.foundation.tasks import FAULTS, TaskAccount, start
+from wil_campaign.foundation.processes.linux import lock_process_memory, raise_process_priority
+from wil_campaign.foundation.tasks import FAULTS, TaskAccount, start_task
 from wil_campaign.safety.guard.core.commands import (
-    Alive,
     AnchorAt,
     BringDown,
     Command,
     NewFences,
-    Operate,
+    OperatorAction,
+    OrchestratorAlive,
     OrchestratorEnded,
     StartOutage,
     VehicleGone,
 )
-from wil_campaign.safety.guard.core.events import EventKind, GuardEvent, unrecorded
+from wil_campaign.safety.guard.core.events import EventKind, GuardEvent, unrecorded_event
 from wil_campaign.safety.guard.local_guard import TICK_HZ, GuardLinks, LocalGuard
 from wil_campaign.safety.guard.operator.operator_requests import OperatorOrders
 from wil_campaign.safety.guard.operator.operator_socket import POINTER, OperatorSocket
-from wil_campaign.safety.guard.process.channel import Channel
+from wil_campaign.safety.guard.process.channel import GuardChannel
 from wil_campaign.safety.guard.process.channel_link import ChannelLink
 from wil_campaign.safety.guard.process.guard_config import GuardConfig, GuardConfigError
 from wil_campaign.safety.guard.process.guard_launch import SCALED, SERVER
@@ -54,40 +54,40 @@ from wil_campaign.safety.guard.process.guard_log import GuardLog, guard_file
 from wil_campaign.safety.guard.process.guard_stderr import logging_in_thread
 from wil_campaign.safety.guard.process.lockstep_clock import ORCHESTRATOR
 from wil_campaign.safety.guard.process.messages import (
-    Bytes,
     ConfigMessage,
-    End,
-    Ended,
+    EndGuard,
     EventMessage,
-    Failed,
-    Follow,
+    FollowClock,
+    FrameBytes,
     FrameSent,
-    Opened,
-    Position,
-    Reached,
-    Start,
-    Started,
-    Status,
+    GuardFailed,
+    GuardStatus,
+    LinksOpened,
+    OrchestratorReached,
+    StartVehicle,
     ToGuard,
+    VehicleEnded,
+    VehiclePosition,
+    VehicleStarted,
     to_guard,
 )
 from wil_campaign.safety.guard.process.orphaned_processes import (
     GuardRecord,
     reap_orphans,
-    remove_record,
-    write_record,
+    remove_guard_record,
+    write_guard_record,
 )
 from wil_campaign.safety.guard.process.process_links import (
     guard_links,
+    guard_vehicle_link,
     open_ports,
-    vehicle_link,
 )
 from wil_campaign.safety.guard.process.run_clock import RunClock
 from wil_campaign.safety.guard.process.run_clock_factory import run_clock_of
 from wil_campaign.safety.guard.process.runtime_folder import (
     open_runtime_folder,
     runtime_folders,
-    sweep,
+    sweep_runtime_folder,
 )
 from wil_campaign.vehicles.errors import VehicleError
 from wil_campaign.vehicles.links.link import Link
@@ -120,7 +120,7 @@ class GuardProcess:
         self._server = server
         self._scheduling = scheduling
         self._in_memory = in_memory
-        self._channel = Channel(
+        self._channel = GuardChannel(
             end, receives=to_guard, take=self._take, closed=self._on_parent_death
         )
         self._lifeline = lifeline
@@ -158,7 +158,7 @@ class GuardProcess:
             with account.of(loop):
                 await self._serve(GuardConfig.unpacked(message.packed))
         except (GuardConfigError, VehicleError, OSError) as error:
-            self._channel.send(Failed(f"the guard cannot start: {error}"))
+            self._channel.send(GuardFailed(f"the guard cannot start: {error}"))
             return 1
         finally:
             self._channel.close()
@@ -204,8 +204,8 @@ class GuardProcess:
         for folder in runtime_folders():
             for text in await asyncio.to_thread(reap_orphans, folder):
                 self._note("leftover", text=text)
-        sweep(runtime)
-        raw = {name: vehicle_link(vehicle) for name, vehicle in guard_config.vehicles.items()}
+        sweep_runtime_folder(runtime)
+        raw = {name: guard_vehicle_link(vehicle) for name, vehicle in guard_config.vehicles.items()}
         self._clock = run_clock_of(
             guard_config,
             channel=self._channel,
@@ -274,14 +274,14 @@ class GuardProcess:
             owner=ProcessId.of(os.getppid()),
             since_s=time.clock_gettime(time.CLOCK_BOOTTIME),
         )
-        write_record(runtime, self._record)
-        stack.callback(remove_record, runtime, me)
+        write_guard_record(runtime, self._record)
+        stack.callback(remove_guard_record, runtime, me)
 
     def _report_opened(self, raw: Mapping[str, Link]) -> None:
         self._note(
             "opened", pid=os.getpid(), scheduling=self._scheduling, in_memory=self._in_memory
         )
-        self._channel.send(Opened(os.getpid(), open_ports(raw, report=self._on_link)))
+        self._channel.send(LinksOpened(os.getpid(), open_ports(raw, report=self._on_link)))
         self._send_status()
         # What is loaded by now lives as long as the process: the collector need not look.
         gc.freeze()
@@ -291,12 +291,14 @@ class GuardProcess:
         rest = not core.may_be_armed(self._loop.time())
         if core.latched is None and rest:
             # On the ground an orchestrator that is busy and silent does no harm.
-            self._guard.send(Alive())
+            self._guard.send(OrchestratorAlive())
         self._statuses_unanswered += 1
         if rest and self._statuses_unanswered * STATUS_S > self._guard_config.patience_s:
             # Stopped, or in a debugger: its end of the channel is open, and may be so for ever.
             self._lose("nothing came from the orchestrator for a long time, and nothing flies")
-        self._channel.send(Status(core.latched, core.all_down, rest, tuple(core.phases.values())))
+        self._channel.send(
+            GuardStatus(core.latched, core.all_down, rest, tuple(core.phases.values()))
+        )
         # With a tick of the guard's, so that the process wakes once for both.
         now_s = time.monotonic()
         since_s = now_s - self._guard.started_s + EARLY_S
@@ -312,12 +314,12 @@ class GuardProcess:
     def _take(self, message: ToGuard) -> None:
         self._statuses_unanswered = 0
         # By class, for those that nearly all are of: patterns touch more than these need.
-        if isinstance(message, Bytes) and message.index < len(self._links):
+        if isinstance(message, FrameBytes) and message.index < len(self._links):
             self._links[message.index].arrive(message.data, self._loop.time())
-        elif isinstance(message, Position) and message.index < len(self._links):
+        elif isinstance(message, VehiclePosition) and message.index < len(self._links):
             name, place = self._names[message.index], message.position_ned_m
             self._guard.place(name, place, message.velocity_ned_m_s, message.t_s)
-        elif isinstance(message, Reached) and self._clock is not None:
+        elif isinstance(message, OrchestratorReached) and self._clock is not None:
             self._clock.reached(ORCHESTRATOR, message.run_s)
         elif isinstance(message, Command) and self._can_execute(message):
             self._guard.send(message)
@@ -327,13 +329,13 @@ class GuardProcess:
     def _can_execute(self, command: Command) -> bool:
         """Return whether the guard is there, and the command is one for it and its vehicles."""
         match command:
-            case Operate(operators):
+            case OperatorAction(operators):
                 is_ours = operators.kind != "geofence"
             case NewFences(_, fences):
                 is_ours = fences.keys() <= {*self._names}
             case AnchorAt(vehicle) | StartOutage(vehicle):
                 is_ours = vehicle in self._names
-            case Alive() | BringDown():
+            case OrchestratorAlive() | BringDown():
                 is_ours = True
         return is_ours and bool(self._links)
 
@@ -341,20 +343,20 @@ class GuardProcess:
         match message:
             case ConfigMessage() if not self._config_message.done():
                 self._config_message.set_result(message)
-            case Start() if message.vehicle in self._names:
-                task = start(self._start(message), name=f"start {message.vehicle}")
+            case StartVehicle() if message.vehicle in self._names:
+                task = start_task(self._start(message), name=f"start {message.vehicle}")
                 self._starts.add(task)
                 task.add_done_callback(self._starts.discard)
-            case Follow() if self._clock is not None:
+            case FollowClock() if self._clock is not None:
                 self._clock.begin()
-            case End():
+            case EndGuard():
                 self._over.set()
             case _:
                 self._note(
                     "refused", text=f"{type(message).__name__} is not expected in this state"
                 )
 
-    async def _start(self, start: Start) -> None:
+    async def _start(self, start: StartVehicle) -> None:
         """Start a vehicle as a child of the guard process; its end is reported at once."""
         clock = None if self._clock is None else self._clock.inherit(start.vehicle)
         child = ChildProcess(
@@ -366,7 +368,7 @@ class GuardProcess:
         try:
             await child.start_by(self._server, lambda one: self._child_ended(start.vehicle, one))
         except OSError as error:
-            self._channel.send(Ended(start.vehicle, None, str(error)))
+            self._channel.send(VehicleEnded(start.vehicle, None, str(error)))
             return
         finally:
             if clock is not None:
@@ -379,17 +381,17 @@ class GuardProcess:
         if child.identity is not None:
             self._record = self._record.with_child(child.identity)
             with contextlib.suppress(OSError):
-                write_record(self._runtime, self._record)
+                write_guard_record(self._runtime, self._record)
         self._note("started", vehicle=start.vehicle, pid=pid)
-        self._channel.send(Started(start.vehicle, pid))
+        self._channel.send(VehicleStarted(start.vehicle, pid))
 
     def _child_ended(self, name: str, child: ChildProcess) -> None:
         code = child.exit_code
-        how = f"its process {how_it_ended(code)}"
+        how = f"its process {exit_status_text(code)}"
         self._note("ended", vehicle=name, text=how)
         if not self._ending:
             self._guard.send(VehicleGone(name, f"{name} ended: {how}"))
-        self._channel.send(Ended(name, code, child.stderr_tail))
+        self._channel.send(VehicleEnded(name, code, child.stderr_tail))
 
     async def _reap(self) -> None:
         """End all children of the guard process, at the same time."""
@@ -418,7 +420,7 @@ class GuardProcess:
                 return
             await asyncio.sleep(_LAST_POLL_S)
         if was_busy:  # The tick that reports how they came down may be still to come.
-            await last_ticks()
+            await await_last_ticks()
 
     def _may_do_harm(self, busy: tuple[str, ...]) -> bool:
         """Return whether anything was received lately from an armed vehicle that may do harm."""
@@ -485,7 +487,7 @@ class GuardProcess:
         except OSError as error:
             known = {event.vehicle for event in self._guard.events if event.kind == "record"}
             if name not in known:
-                self._event(unrecorded(name, asyncio.get_running_loop().time(), error))
+                self._event(unrecorded_event(name, asyncio.get_running_loop().time(), error))
 
     def _event(self, event: GuardEvent) -> None:
         self._channel.send(EventMessage(event))
@@ -501,7 +503,7 @@ class GuardProcess:
             self._log.write(asyncio.get_running_loop().time(), event, **details)
 
 
-async def last_ticks(within_s: float = _LAST_TICKS_WALL_S) -> None:
+async def await_last_ticks(within_s: float = _LAST_TICKS_WALL_S) -> None:
     """Wait for two ticks of the run clock; within_s: in wall time at most, as it may stand still.
 
     The clock is that of a simulator, which may have ended with the flight.
@@ -522,8 +524,8 @@ def main(arguments: list[str]) -> int:
         guard = GuardProcess(
             end=end,
             lifeline=lifeline,
-            scheduling=rise_above_load(),
-            in_memory=stay_in_memory(),
+            scheduling=raise_process_priority(),
+            in_memory=lock_process_memory(),
             server=_server(arguments[3:]),
         )
         return runner.run(guard.run())

@@ -11,7 +11,7 @@ from queue import SimpleQueue
 from threading import Thread
 from typing import IO, TextIO
 
-from wil_campaign.foundation.processes.linux import rise_above_load
+from wil_campaign.foundation.processes.linux import raise_process_priority
 
 _NAME = "guard.stderr"
 _LONGEST = 2000
@@ -52,7 +52,7 @@ def _write(records: "SimpleQueue[logging.LogRecord | None]", stream: TextIO) -> 
 
     Not by a log handler, nor to sys.stderr: a process that ends waits for the locks of both.
     """
-    rise_above_load()
+    raise_process_priority()
     while (record := records.get()) is not None:
         with contextlib.suppress(OSError):
             print(record.getMessage(), file=stream, flush=True)
@@ -66,7 +66,7 @@ def guard_stderr_tail(folder: str) -> str:
     return f"the guard's process ended: {words[-_LONGEST:].strip() or 'it printed nothing'}"
 
 
-def remove_if_empty(folder: str) -> None:
+def remove_empty_stderr(folder: str) -> None:
     """Remove the guard's stderr file if it is empty."""
     path = Path(folder) / _NAME
     with contextlib.suppress(OSError):

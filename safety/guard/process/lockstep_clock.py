@@ -11,8 +11,8 @@ from collections.abc import Callable
 
 from wil_campaign.foundation.clocks.lockstep import Lockstep
 from wil_campaign.foundation.clocks.paced_loop import PacedLoop
-from wil_campaign.foundation.clocks.progress import ProgressReporter
-from wil_campaign.foundation.clocks.sim_clock_controller import STALL_S, Segment
+from wil_campaign.foundation.clocks.progress import ClockProgressReporter
+from wil_campaign.foundation.clocks.sim_clock_controller import STALL_S, ClockSegment
 from wil_campaign.safety.guard.core.commands import Trouble
 from wil_campaign.safety.guard.process.run_clock import PaceSetup, RunClock
 
@@ -32,7 +32,7 @@ class LockstepClock(RunClock):
         *,
         setup: PaceSetup,
         loop: PacedLoop,
-        publish: Callable[[Segment], None],
+        publish: Callable[[ClockSegment], None],
         trouble: Callable[[Trouble], None],
         took_over: Callable[[], bool],
         wall: Callable[[], float] = time.monotonic,
@@ -54,12 +54,12 @@ class LockstepClock(RunClock):
         """Wait no more for a process that has ended."""
         self._lockstep.leave(name)
 
-    def _begin(self, segment: Segment) -> None:
+    def _begin(self, segment: ClockSegment) -> None:
         self._lockstep.begin(segment)
         # The guard itself reads what vehicles have sent before time advances.
-        ProgressReporter(loop=self._paced, report=lambda run_s: self.reached(_GUARD, run_s))
+        ClockProgressReporter(loop=self._paced, report=lambda run_s: self.reached(_GUARD, run_s))
 
-    def _advance(self, wall_s: float) -> Segment:
+    def _advance(self, wall_s: float) -> ClockSegment:
         lockstep = self._lockstep
         lockstep.step()
         for name in self._setup.followers:

@@ -9,21 +9,21 @@ from typing import Annotated
 
 import msgspec
 
-from wil_campaign.foundation.processes.codec import Codec, Finite, Message, Plain
+from wil_campaign.foundation.processes.codec import Finite, MessageCodec, Plain, ProcessMessage
 from wil_campaign.safety.fence.fence_values import fence_of_plain, plain_fence
 from wil_campaign.safety.fence.geofence import Fence
 from wil_campaign.safety.guard.core.commands import Command
-from wil_campaign.safety.guard.core.contingency import Phase
+from wil_campaign.safety.guard.core.contingency import ContingencyPhase
 from wil_campaign.safety.guard.core.events import Cause, GuardEvent
 
 
-class ConfigMessage(Message, frozen=True):
+class ConfigMessage(ProcessMessage, frozen=True):
     """Message: what the guard is to guard; packed: see `guard_config`."""
 
     packed: bytes
 
 
-class Start(Message, frozen=True):
+class StartVehicle(ProcessMessage, frozen=True):
     """Message to the guard: start a vehicle's process as a child.
 
     inherited: descriptors that the guard has inherited for it; it closes its own.
@@ -35,7 +35,7 @@ class Start(Message, frozen=True):
     inherited: tuple[int, ...] = ()
 
 
-class Bytes(Message, frozen=True):
+class FrameBytes(ProcessMessage, frozen=True):
     """Message: MAVLink frames of or for the vehicle at `index`; t_s: when the guard had them."""
 
     index: int
@@ -43,8 +43,8 @@ class Bytes(Message, frozen=True):
     data: bytes
 
 
-class Unread(Message, frozen=True):
-    """Message of the guard: `Bytes` that were lost, for the orchestrator did not read in time.
+class UnreadBytes(ProcessMessage, frozen=True):
+    """Message of the guard: `FrameBytes` that were lost, for the orchestrator did not read in time.
 
     arrived_s: when there were such, thinned as `Arrivals` does it. count: of how many.
     """
@@ -58,7 +58,7 @@ class Unread(Message, frozen=True):
         return f"{self.count} datagrams were lost: this program did not read them in time"
 
 
-class Position(Message, frozen=True):
+class VehiclePosition(ProcessMessage, frozen=True):
     """Message to the guard: position of the vehicle at `index`, world frame."""
 
     index: int
@@ -68,29 +68,29 @@ class Position(Message, frozen=True):
     velocity_ned_m_s: tuple[float, float, float]
 
 
-class Follow(Message, frozen=True):
+class FollowClock(ProcessMessage, frozen=True):
     """Message to the guard: let the clock follow the leading vehicle."""
 
 
-class End(Message, frozen=True):
+class EndGuard(ProcessMessage, frozen=True):
     """Message to the guard: nothing more is flown; end children and process."""
 
 
-class Opened(Message, frozen=True):
+class LinksOpened(ProcessMessage, frozen=True):
     """Message of the guard: links are open; ports: local UDP port of each, 0 without one."""
 
     pid: int
     ports: tuple[int, ...]
 
 
-class Started(Message, frozen=True):
+class VehicleStarted(ProcessMessage, frozen=True):
     """Message of the guard: a vehicle's process runs."""
 
     vehicle: str
     pid: int
 
 
-class Ended(Message, frozen=True):
+class VehicleEnded(ProcessMessage, frozen=True):
     """Message of the guard: a vehicle's process ended, or failed to start (exit_code None)."""
 
     vehicle: str
@@ -98,7 +98,7 @@ class Ended(Message, frozen=True):
     last_output: str
 
 
-class FrameSent(Message, frozen=True):
+class FrameSent(ProcessMessage, frozen=True):
     """Message of the guard: a command was just sent to a vehicle."""
 
     index: int
@@ -106,13 +106,13 @@ class FrameSent(Message, frozen=True):
     frame: bytes
 
 
-class EventMessage(Message, frozen=True):
+class EventMessage(ProcessMessage, frozen=True):
     """Message of the guard: an event."""
 
     event: GuardEvent
 
 
-class Status(Message, frozen=True):
+class GuardStatus(ProcessMessage, frozen=True):
     """Message of the guard: its status, sent several times a second as its sign of life.
 
     at_rest: nothing may be armed, latched or not.
@@ -121,16 +121,16 @@ class Status(Message, frozen=True):
     latched: Cause | None
     all_down: bool
     at_rest: bool
-    phases: tuple[Phase, ...]
+    phases: tuple[ContingencyPhase, ...]
 
 
-class Reached(Message, frozen=True):
+class OrchestratorReached(ProcessMessage, frozen=True):
     """Message to the guard: the orchestrator has done all that was due until this moment."""
 
     run_s: Finite
 
 
-class Pace(Message, frozen=True):
+class ClockPace(ProcessMessage, frozen=True):
     """Message of the guard: the run clock, `run_s` at `wall_s` (CLOCK_MONOTONIC), and its slope.
 
     holds_s: for how much wall time, None where the clock does not wait for the
@@ -143,17 +143,37 @@ class Pace(Message, frozen=True):
     holds_s: Annotated[float, msgspec.Meta(ge=0.0, le=1e300)] | None = None
 
 
-class Failed(Message, frozen=True):
+class GuardFailed(ProcessMessage, frozen=True):
     """Message of the guard: it could not begin; says why."""
 
     text: str
 
 
-ToGuard = ConfigMessage | Start | Bytes | Position | Command | Follow | Reached | End
+ToGuard = (
+    ConfigMessage
+    | StartVehicle
+    | FrameBytes
+    | VehiclePosition
+    | Command
+    | FollowClock
+    | OrchestratorReached
+    | EndGuard
+)
 ToOrchestrator = (
-    Bytes | FrameSent | Unread | Opened | Started | Ended | EventMessage | Status | Pace | Failed
+    FrameBytes
+    | FrameSent
+    | UnreadBytes
+    | LinksOpened
+    | VehicleStarted
+    | VehicleEnded
+    | EventMessage
+    | GuardStatus
+    | ClockPace
+    | GuardFailed
 )
 
 _PLAIN: Plain = {Fence: (plain_fence, fence_of_plain)}
-to_guard: Codec[list[ToGuard]] = Codec(list[ToGuard], plain=_PLAIN)
-to_orchestrator: Codec[list[ToOrchestrator]] = Codec(list[ToOrchestrator], plain=_PLAIN)
+to_guard: MessageCodec[list[ToGuard]] = MessageCodec(list[ToGuard], plain=_PLAIN)
+to_orchestrator: MessageCodec[list[ToOrchestrator]] = MessageCodec(
+    list[ToOrchestrator], plain=_PLAIN
+)

@@ -8,9 +8,9 @@ from collections.abc import Callable, Mapping
 from contextlib import AsyncExitStack
 from typing import Self
 
-from wil_campaign.safety.guard.process.guard_config import Guarded
-from wil_campaign.vehicles.autopilots.autopilot import Target
-from wil_campaign.vehicles.autopilots.registry import flies
+from wil_campaign.safety.guard.process.guard_config import GuardedVehicleConfig
+from wil_campaign.vehicles.autopilots.autopilot import MavlinkTarget
+from wil_campaign.vehicles.autopilots.registry import is_flyable_vehicle
 from wil_campaign.vehicles.links.link import Link, LinkError
 from wil_campaign.vehicles.links.link_factory import open_link
 from wil_campaign.vehicles.links.link_strings import LinkAddress, parse_link
@@ -35,7 +35,7 @@ class OrphanedLinks:
         self,
         *,
         links: Mapping[str, Callable[[], Link]],
-        targets: Mapping[str, Target],
+        targets: Mapping[str, MavlinkTarget],
         received: Received,
     ) -> None:
         self._links = dict(links)
@@ -76,12 +76,12 @@ class OrphanedLinks:
         for frame in self._splitters[name].feed(data):
             ours = frame.system == target.system and frame.component == target.component
             kind = heartbeat_kind(frame) if ours else None
-            if kind is not None and flies(*kind):
+            if kind is not None and is_flyable_vehicle(*kind):
                 self.armed[name] = read_heartbeat(frame).armed
         self._received(name, data, t_s)
 
 
-def link_maker(guarded: Guarded, port: int) -> Callable[[], Link]:
+def orphaned_link_maker(guarded: GuardedVehicleConfig, port: int) -> Callable[[], Link]:
     """Return what reopens a vehicle's orphaned link. port: for a link that is no string."""
     if guarded.link:
         return lambda: open_link(parse_link(guarded.link))

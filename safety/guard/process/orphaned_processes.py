@@ -36,32 +36,32 @@ class GuardRecord:
         return replace(self, children=(*self.children, child))
 
 
-def record_path(folder: Path, guard: ProcessId) -> Path:
+def guard_record_path(folder: Path, guard: ProcessId) -> Path:
     """Return the path of a guard's record."""
     return folder / f"guard-{guard.pid}-{guard.started}.json"
 
 
-def write_record(folder: Path, record: GuardRecord) -> None:
+def write_guard_record(folder: Path, record: GuardRecord) -> None:
     """Write a guard's record atomically, so that orphans are found. Raises OSError."""
-    path = record_path(folder, record.guard)
+    path = guard_record_path(folder, record.guard)
     part = path.with_suffix(".part")
     part.write_bytes(msgspec.json.encode(record))
     part.replace(path)
 
 
-def remove_record(folder: Path, guard: ProcessId) -> None:
+def remove_guard_record(folder: Path, guard: ProcessId) -> None:
     """Remove a guard's record, if there is one."""
-    record_path(folder, guard).unlink(missing_ok=True)
+    guard_record_path(folder, guard).unlink(missing_ok=True)
 
 
-def records(folder: Path) -> tuple[GuardRecord, ...]:
+def guard_records(folder: Path) -> tuple[GuardRecord, ...]:
     """Return all guard records, the newest last; unreadable ones are skipped."""
     return tuple(sorted(_records(folder), key=lambda record: record.since_s))
 
 
-def running(folder: Path) -> tuple[GuardRecord, ...]:
+def running_guards(folder: Path) -> tuple[GuardRecord, ...]:
     """Return the records of guards that live, the newest last."""
-    return tuple(record for record in records(folder) if record.guard.lives)
+    return tuple(record for record in guard_records(folder) if record.guard.lives)
 
 
 def _records(folder: Path) -> Iterator[GuardRecord]:
@@ -77,7 +77,7 @@ def reap_orphans(folder: Path) -> tuple[str, ...]:
     Waits up to three seconds for each process: for the start of a program, not for a flight.
     """
     done: list[str] = []
-    for record in records(folder):
+    for record in guard_records(folder):
         if record.guard.lives or (record.owner is not None and record.owner.lives):
             continue
         done += [
@@ -85,6 +85,6 @@ def reap_orphans(folder: Path) -> tuple[str, ...]:
             for child in record.children
             if child.lives and (how := child.end())
         ]
-        remove_record(folder, record.guard)
+        remove_guard_record(folder, record.guard)
         Path(record.socket).unlink(missing_ok=True)
     return tuple(done)

@@ -6,15 +6,15 @@ from functools import partial
 
 from wil_campaign.safety.guard.core.events import EventKind
 from wil_campaign.safety.guard.local_guard import GuardLinks
-from wil_campaign.safety.guard.process.guard_config import Guarded
+from wil_campaign.safety.guard.process.guard_config import GuardedVehicleConfig
 from wil_campaign.vehicles.links.link import Link
-from wil_campaign.vehicles.links.link_conditions import LinkSite, under_conditions
+from wil_campaign.vehicles.links.link_conditions import LinkSite, link_under_conditions
 from wil_campaign.vehicles.links.link_factory import open_link
 from wil_campaign.vehicles.links.link_strings import LinkAddress, parse_link
 from wil_campaign.vehicles.links.udp import UdpLink
 
 
-def vehicle_link(guarded: Guarded) -> Link:
+def guard_vehicle_link(guarded: GuardedVehicleConfig) -> Link:
     """Return the guard process's link to a vehicle; a free loopback UDP port for one to start."""
     signed = guarded.conditions.signing is not None
     if guarded.link:
@@ -22,19 +22,19 @@ def vehicle_link(guarded: Guarded) -> Link:
     return UdpLink(address=LinkAddress(kind="udpin", host="127.0.0.1", port=0))
 
 
-def _spare_links(guarded: Guarded) -> list[Link]:
+def _spare_links(guarded: GuardedVehicleConfig) -> list[Link]:
     signed = guarded.conditions.signing is not None
     return [open_link(parse_link(spare), signed=signed) for spare in guarded.spares]
 
 
 def guard_links(
-    guarded: Guarded, near: Link, inner: Link, *, report: Callable[[str], None]
+    guarded: GuardedVehicleConfig, near: Link, inner: Link, *, report: Callable[[str], None]
 ) -> GuardLinks:
     """Return the guard process's links of a vehicle: under its conditions, and to a ground station.
 
     near: the one to the vehicle. inner: the one to the orchestrator. report: gets link changes.
     """
-    outer = under_conditions(
+    outer = link_under_conditions(
         [near, *_spare_links(guarded)],
         guarded.conditions,
         utc_s=time.time(),

@@ -5,9 +5,9 @@ import time
 from collections.abc import Callable
 
 from wil_campaign.foundation.clocks.paced_loop import PacedLoop
-from wil_campaign.foundation.clocks.progress import ProgressReporter
-from wil_campaign.foundation.clocks.sim_clock_controller import Segment
-from wil_campaign.safety.guard.process.messages import Pace
+from wil_campaign.foundation.clocks.progress import ClockProgressReporter
+from wil_campaign.foundation.clocks.sim_clock_controller import ClockSegment
+from wil_campaign.safety.guard.process.messages import ClockPace
 
 _LONGEST_SILENCE_S = 0.5
 """Of wall time: without a further segment from the guard for so long the run clock hangs."""
@@ -21,19 +21,19 @@ class RemoteClock:
 
     def __init__(self, *, report: Callable[[float], None]) -> None:
         self._report = report
-        self._progress: ProgressReporter | None = None
+        self._progress: ClockProgressReporter | None = None
         self._led = False
 
-    def take(self, pace: Pace) -> None:
+    def take(self, pace: ClockPace) -> None:
         """Follow a segment of the guard's clock; after it the clock continues without a leap."""
         self._led = True
         loop = asyncio.get_running_loop()
         if not isinstance(loop, PacedLoop):
             return
         holds_s = _LONGEST_SILENCE_S if pace.holds_s is None else pace.holds_s
-        loop.follow(Segment(pace.wall_s, pace.run_s, pace.rate, holds_s))
+        loop.follow(ClockSegment(pace.wall_s, pace.run_s, pace.rate, holds_s))
         if pace.holds_s is not None and self._progress is None:
-            self._progress = ProgressReporter(loop=loop, report=self._report)
+            self._progress = ClockProgressReporter(loop=loop, report=self._report)
 
     def close(self) -> None:
         """Stop the reports of progress."""
@@ -45,4 +45,4 @@ class RemoteClock:
         loop = asyncio.get_running_loop()
         if self._led and isinstance(loop, PacedLoop):
             self.close()
-            loop.follow(Segment(time.monotonic(), loop.time(), max(1.0, loop.segment.rate)))
+            loop.follow(ClockSegment(time.monotonic(), loop.time(), max(1.0, loop.segment.rate)))

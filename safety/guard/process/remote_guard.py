@@ -11,40 +11,45 @@ from typing import Self
 from wil_campaign.foundation.clocks.paced_loop import call_wall_later
 from wil_campaign.foundation.processes.feed_socket import feed_environment, feed_pair
 from wil_campaign.foundation.processes.identity import ProcessId
-from wil_campaign.foundation.tasks import Contained, report, start, stop
+from wil_campaign.foundation.tasks import (
+    SuppressedErrors,
+    report_task_error,
+    start_task,
+    stop_tasks,
+)
 from wil_campaign.safety.fence.geofence import Fence
-from wil_campaign.safety.fence.stopping import AccelerationEstimate, Motion
-from wil_campaign.safety.guard.core.commands import Alive, Command, NewFences
-from wil_campaign.safety.guard.core.contingency import Phase
+from wil_campaign.safety.fence.stopping import AccelerationEstimate, VehicleMotion
+from wil_campaign.safety.guard.core.commands import Command, NewFences, OrchestratorAlive
+from wil_campaign.safety.guard.core.contingency import ContingencyPhase
 from wil_campaign.safety.guard.core.events import GuardEvent, is_about_fences
 from wil_campaign.safety.guard.guard import Guard
 from wil_campaign.safety.guard.local_guard import Record
-from wil_campaign.safety.guard.process.channel import Channel
+from wil_campaign.safety.guard.process.channel import GuardChannel
 from wil_campaign.safety.guard.process.channel_link import ChannelLink
 from wil_campaign.safety.guard.process.guard_config import GuardConfig
 from wil_campaign.safety.guard.process.guard_launch import LaunchedGuard, spawn_guard
-from wil_campaign.safety.guard.process.guard_stderr import guard_stderr_tail, remove_if_empty
+from wil_campaign.safety.guard.process.guard_stderr import guard_stderr_tail, remove_empty_stderr
 from wil_campaign.safety.guard.process.messages import (
-    Bytes,
+    ClockPace,
     ConfigMessage,
-    End,
-    Ended,
+    EndGuard,
     EventMessage,
-    Failed,
-    Follow,
+    FollowClock,
+    FrameBytes,
     FrameSent,
-    Opened,
-    Pace,
-    Position,
-    Reached,
-    Start,
-    Started,
-    Status,
+    GuardFailed,
+    GuardStatus,
+    LinksOpened,
+    OrchestratorReached,
+    StartVehicle,
     ToOrchestrator,
-    Unread,
+    UnreadBytes,
+    VehicleEnded,
+    VehiclePosition,
+    VehicleStarted,
     to_orchestrator,
 )
-from wil_campaign.safety.guard.process.orphaned_links import OrphanedLinks, link_maker
+from wil_campaign.safety.guard.process.orphaned_links import OrphanedLinks, orphaned_link_maker
 from wil_campaign.safety.guard.process.remote_clock import RemoteClock
 from wil_campaign.safety.model.samples import PoseSample
 from wil_campaign.vehicles.links.link import Link, LinkError
@@ -106,23 +111,25 @@ class RemoteGuard(Guard):
         self._requested_fences: deque[Mapping[str, Fence]] = deque()
         """That the guard was asked to take and has not answered, oldest first; empty for a mere
         proposal. A position that breaches one does not wait either."""
-        self._phases = dict.fromkeys(self._names, Phase.IDLE)
+        self._phases = dict.fromkeys(self._names, ContingencyPhase.IDLE)
         self._gone = False
         self._ending = False
         self._silent_checks = 0
         self._ports: dict[str, int] = {}
         self._received: set[str] = set()
         self._children: dict[str, ProcessId] = {}
-        self._ended: dict[str, Ended] = {}
+        self._ended: dict[str, VehicleEnded] = {}
         self._endings: dict[str, asyncio.Event] = {}
         self._waiting: dict[str, asyncio.Future[ToOrchestrator]] = {}
         self._beating: asyncio.Handle | None = None
         self._checking: asyncio.Handle | None = None
-        self._clock = RemoteClock(report=lambda run_s: self._channel.send(Reached(run_s)))
+        self._clock = RemoteClock(
+            report=lambda run_s: self._channel.send(OrchestratorReached(run_s))
+        )
         self._aftermath: asyncio.Task[None] | None = None
 
     @property
-    def phases(self) -> dict[str, Phase]:
+    def phases(self) -> dict[str, ContingencyPhase]:
         """Return the remote guard's contingency phases, a tenth of a second old at most."""
         return dict(self._phases)
 
@@ -149,7 +156,7 @@ class RemoteGuard(Guard):
         self._waiting[""] = opened
         spawned = self._spawn()
         self._process, self._hold, self._stderr = spawned.process, spawned.hold, spawned.stderr
-        self._channel = Channel(
+        self._channel = GuardChannel(
             spawned.end, receives=to_orchestrator, take=self._take, closed=self._on_guard_lost
         )
         for link in self._links.values():
@@ -167,10 +174,10 @@ class RemoteGuard(Guard):
             if not isinstance(error, TimeoutError):
                 raise
             raise LinkError(f"the guard did not open its links in {_OPEN_S:g} s") from error
-        if not isinstance(answer, Opened):
+        if not isinstance(answer, LinksOpened):
             self._ending = True
             await self._end_process()
-            reason = answer.text if isinstance(answer, Failed) else ""
+            reason = answer.text if isinstance(answer, GuardFailed) else ""
             raise LinkError(reason or guard_stderr_tail(self._guard_config.folder))
         self._ports = dict(zip(self._names, answer.ports, strict=True))
         self._beat()
@@ -185,26 +192,28 @@ class RemoteGuard(Guard):
                 timer.cancel()
         try:
             if self._aftermath is not None:
-                await stop(self._aftermath)
+                await stop_tasks(self._aftermath)
         finally:
-            self._channel.send(End())
+            self._channel.send(EndGuard())
             try:
                 await self._end_process()
             finally:
                 await self._reap()
         if (self._process.exit_code or 0) > 0:
-            report(GuardFailedError(guard_stderr_tail(self._guard_config.folder)), "the guard")
+            report_task_error(
+                GuardFailedError(guard_stderr_tail(self._guard_config.folder)), "the guard"
+            )
 
     def follow(self) -> None:
         """Have the remote guard's scaled clock follow the leading vehicle."""
         if self._guard_config.pace is not None:
-            self._channel.send(Follow())
+            self._channel.send(FollowClock())
 
     def position(self, sample: PoseSample) -> None:
         """Send the remote guard a vehicle's position, from the fastest source there is."""
         index = self._names.index(sample.vehicle)
         pose = sample.pose
-        message = Position(
+        message = VehiclePosition(
             index, sample.t_s, pose.position_ned_m, pose.q_wxyz, sample.velocity_ned_m_s
         )
         if self._is_urgent(sample):
@@ -214,8 +223,8 @@ class RemoteGuard(Guard):
 
     def send(self, command: Command) -> None:
         """Send the remote guard a command; later signs of life are sent from the event loop."""
-        if isinstance(command, Alive):
-            self._channel.send_soon(command, key=Alive, within_s=_LATEST_S)
+        if isinstance(command, OrchestratorAlive):
+            self._channel.send_soon(command, key=OrchestratorAlive, within_s=_LATEST_S)
             return
         if isinstance(command, NewFences):
             self._requested_fences.append({} if command.proposed else command.fences)
@@ -253,27 +262,27 @@ class RemoteGuard(Guard):
         self._waiting[name] = started
         inherited = (self._feeds[name][1],) if name in self._feeds else ()
         variables = {**(environment or {}), **(feed_environment(*inherited) if inherited else {})}
-        self._channel.send(Start(name, tuple(argv), variables, inherited))
+        self._channel.send(StartVehicle(name, tuple(argv), variables, inherited))
         try:
             async with asyncio.timeout(_START_S):
                 answer = await started
         except TimeoutError as error:
             raise LinkError(f"{name}: the guard did not start it in {_START_S:g} s") from error
-        if not isinstance(answer, Started):
-            reason = answer.last_output if isinstance(answer, Ended) else "the guard ended"
+        if not isinstance(answer, VehicleStarted):
+            reason = answer.last_output if isinstance(answer, VehicleEnded) else "the guard ended"
             raise LinkError(f"{name} could not be started: {reason}")
         return answer.pid
 
     async def ended_or(self, name: str, sign: "asyncio.Task[object]", timeout_s: float) -> None:
         """Wait for a sign of life of a child vehicle. Raises LinkError at its end."""
         end = self._endings.setdefault(name, asyncio.Event())
-        ended = start(end.wait(), name=f"end of {name}")
+        ended = start_task(end.wait(), name=f"end of {name}")
         try:
             await asyncio.wait(
                 {sign, ended}, timeout=timeout_s, return_when=asyncio.FIRST_COMPLETED
             )
         finally:
-            await stop(ended)
+            await stop_tasks(ended)
         if sign.done():
             return
         how = self._ended.get(name)
@@ -286,7 +295,7 @@ class RemoteGuard(Guard):
         await self._endings.setdefault(name, asyncio.Event()).wait()
         return self._ended[name].exit_code
 
-    def ended(self, name: str) -> Ended | None:
+    def ended(self, name: str) -> VehicleEnded | None:
         """Return how a vehicle's process under the guard ended; None while it lives."""
         return self._ended.get(name)
 
@@ -297,7 +306,7 @@ class RemoteGuard(Guard):
         if not math.isfinite(sum(place) + sum(velocity)):
             return True
         acceleration = self._accelerations[sample.vehicle].update(velocity, sample.t_s)
-        motion = Motion(place, velocity, acceleration)
+        motion = VehicleMotion(place, velocity, acceleration)
         requested = [self._fences, *self._requested_fences]
         return any(
             fences[sample.vehicle].breached(
@@ -311,7 +320,7 @@ class RemoteGuard(Guard):
         )
 
     def _beat(self) -> None:
-        self.send(Alive())
+        self.send(OrchestratorAlive())
         self._beating = call_wall_later(ALIVE_S, self._beat)
 
     def _check(self) -> None:
@@ -326,36 +335,36 @@ class RemoteGuard(Guard):
         """Handle a message of the remote guard; the frequent ones first."""
         self._silent_checks = 0
         match message:
-            case Bytes(index, t_s, data):
+            case FrameBytes(index, t_s, data):
                 name = self._names[index]
                 self._received.add(name)
                 self._links[name].arrive(data, t_s)
             case FrameSent(index, t_s, frame):
                 if self._record is not None:
                     self._record(self._names[index], t_s, frame)
-            case Status(_, all_down, at_rest, phases):
+            case GuardStatus(_, all_down, at_rest, phases):
                 self._phases = dict(zip(self._names, phases, strict=True))
                 self._show(at_rest=at_rest, all_down=all_down)
             case EventMessage(event):
                 self._dispatch_event(event)
-            case Pace():
+            case ClockPace():
                 self._clock.take(message)
             case _:
                 self._receive_rare(message)
 
     def _receive_rare(self, message: ToOrchestrator) -> None:
         match message:
-            case Unread(index, arrived_s):
+            case UnreadBytes(index, arrived_s):
                 name = self._names[index]
                 self._received.add(name)
                 self._links[name].arrived_unread(arrived_s)
                 now_s = asyncio.get_running_loop().time()
                 self._dispatch_event(GuardEvent(now_s, "unread", name, f"{name}: {message}"))
-            case Started(name, pid):
+            case VehicleStarted(name, pid):
                 if (known := ProcessId.of(pid)) is not None:
                     self._children[name] = known
                 self._answer(name, message)
-            case Ended(name):
+            case VehicleEnded(name):
                 self._ended[name] = message
                 self._endings.setdefault(name, asyncio.Event()).set()
                 self._answer(name, message)
@@ -379,12 +388,12 @@ class RemoteGuard(Guard):
         self._gone = True
         self._clock.continue_alone()
         for name in tuple(self._waiting):
-            self._answer(name, Failed(""))
+            self._answer(name, GuardFailed(""))
         if self._ending:
             return
         now_s = asyncio.get_running_loop().time()
         self._show(at_rest=False, all_down=False)
-        self._aftermath = start(self._watch_failsafes(), name="after the guard")
+        self._aftermath = start_task(self._watch_failsafes(), name="after the guard")
         text = "the guard's process ended; the autopilots' own failsafes must act"
         self._dispatch_event(GuardEvent(now_s, "guard", "", text))
 
@@ -392,7 +401,7 @@ class RemoteGuard(Guard):
         """Listen to the vehicles after the guard's loss until all are disarmed."""
         vehicles = self._guard_config.vehicles
         watched = {
-            name: link_maker(vehicle, self._ports[name])
+            name: orphaned_link_maker(vehicle, self._ports[name])
             for name, vehicle in vehicles.items()
             if name in self._received and name not in self._ended
         }
@@ -422,14 +431,14 @@ class RemoteGuard(Guard):
             self._dispatch_event(GuardEvent(now_s, "guard", "", text))
         self._process.release()
         if not self._process.running:
-            with Contained("the guard's last messages"):
+            with SuppressedErrors("the guard's last messages"):
                 self._channel.read_rest()
         self._clock.continue_alone()
         self._close_feeds()
         self._channel.close()
         os.close(self._hold)
         self._stderr.close()
-        remove_if_empty(self._guard_config.folder)
+        remove_empty_stderr(self._guard_config.folder)
 
     async def _reap(self) -> None:
         """End the vehicle processes that a dead remote guard left."""

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
-from wil_campaign.foundation.clocks.sim_clock_controller import STALL_S, STEP_S, Segment
+from wil_campaign.foundation.clocks.sim_clock_controller import STALL_S, STEP_S, ClockSegment
 from wil_campaign.foundation.processes.clock_socket import ClockSockets
 from wil_campaign.safety.guard.core.commands import Trouble, VehicleGone
 from wil_campaign.vehicles.links.link import Link
@@ -17,10 +17,10 @@ class PacedClock(Protocol):
     """The controlled clock (protocol) that follows a vehicle's time: a `PacedLoop`."""
 
     @property
-    def segment(self) -> Segment:
+    def segment(self) -> ClockSegment:
         """Return the segment of the followed clock that holds now."""
 
-    def follow(self, segment: Segment) -> None:
+    def follow(self, segment: ClockSegment) -> None:
         """Continue the clock by another segment."""
 
     def call_wall_later(self, delay_s: float, callback: Callable[[], object]) -> asyncio.Handle:
@@ -54,7 +54,7 @@ class RunClock:
         *,
         setup: PaceSetup,
         loop: PacedClock,
-        publish: Callable[[Segment], None],
+        publish: Callable[[ClockSegment], None],
         trouble: Callable[[Trouble], None],
         wall: Callable[[], float] = time.monotonic,
     ) -> None:
@@ -65,7 +65,7 @@ class RunClock:
         self._wall = wall
         self._sockets = ClockSockets(reached=self.reached, left=self.leave)
         self._reported: set[str] = set()
-        self._begun: Segment | None = None
+        self._begun: ClockSegment | None = None
 
     def tap(self, name: str, link: Link) -> Link:  # noqa: ARG002 - for who listens
         """Return a vehicle's link, through which the run clock may listen."""
@@ -79,7 +79,7 @@ class RunClock:
         """Start to lead the run clock: everything that had to be started runs."""
         if self._begun is None:
             now_s = self._wall()
-            self._begun = Segment(now_s, self._loop.segment.at(now_s), self._loop.segment.rate)
+            self._begun = ClockSegment(now_s, self._loop.segment.at(now_s), self._loop.segment.rate)
             self._begin(self._begun)
             self._step()
 
@@ -102,18 +102,18 @@ class RunClock:
         """Close the sockets to the vehicles' processes."""
         self._sockets.close()
 
-    def _begin(self, segment: Segment) -> None:
+    def _begin(self, segment: ClockSegment) -> None:
         """Start the run clock at the time of the wall clock."""
         raise NotImplementedError
 
-    def _advance(self, wall_s: float) -> Segment:
+    def _advance(self, wall_s: float) -> ClockSegment:
         raise NotImplementedError
 
     def _step(self) -> None:
         self._send(self._advance(self._wall()))
         self._loop.call_wall_later(STEP_S, self._step)
 
-    def _send(self, segment: Segment) -> None:
+    def _send(self, segment: ClockSegment) -> None:
         self._loop.follow(segment)
         self._sockets.send(segment)
         self._publish(segment)

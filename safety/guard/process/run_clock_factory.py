@@ -19,20 +19,20 @@ from wil_campaign.foundation.clocks.paced_loop import PacedLoop
 from wil_campaign.foundation.clocks.sim_clock_controller import (
     BootTrack,
     ClockDivergence,
-    Segment,
+    ClockSegment,
     SimClockController,
 )
 from wil_campaign.safety.guard.core.commands import ClocksApart, Trouble
 from wil_campaign.safety.guard.core.events import GuardedVehicle
-from wil_campaign.safety.guard.process.channel import Channel
+from wil_campaign.safety.guard.process.channel import GuardChannel
 from wil_campaign.safety.guard.process.guard_config import GuardConfig
 from wil_campaign.safety.guard.process.lockstep_clock import LockstepClock
-from wil_campaign.safety.guard.process.messages import Pace
+from wil_campaign.safety.guard.process.messages import ClockPace
 from wil_campaign.safety.guard.process.run_clock import PacedClock, PaceSetup, RunClock
 from wil_campaign.vehicles.links.link import Link
 from wil_campaign.vehicles.links.tapped import TappedLink
-from wil_campaign.vehicles.mavlink.codec import Codec
-from wil_campaign.vehicles.mavlink.framing import Frame, FrameSplitter
+from wil_campaign.vehicles.mavlink.codec import MavlinkCodec
+from wil_campaign.vehicles.mavlink.framing import FrameSplitter, MavlinkFrame
 
 _BOOT_MS_AT = {2: 8, 30: 0, 32: 0, 33: 0}
 """Where time_boot_ms is in SYSTEM_TIME, ATTITUDE, LOCAL_POSITION_NED and GLOBAL_POSITION_INT."""
@@ -57,7 +57,7 @@ class ClockFollower(RunClock):
         leader: str,
         systems: Mapping[str, int],
         loop: PacedClock,
-        publish: Callable[[Segment], None],
+        publish: Callable[[ClockSegment], None],
         trouble: Callable[[Trouble], None],
         pace_frames: Mapping[str, PaceFrame] | None = None,
         wall: Callable[[], float] = time.monotonic,
@@ -91,10 +91,10 @@ class ClockFollower(RunClock):
         tapped.tap(receive)
         return tapped
 
-    def _begin(self, segment: Segment) -> None:
+    def _begin(self, segment: ClockSegment) -> None:
         self._controller.begin(segment)
 
-    def _advance(self, wall_s: float) -> Segment:
+    def _advance(self, wall_s: float) -> ClockSegment:
         segment = self._controller.step(wall_s)
         if self._controller.stalled:
             self._report_stall(self._leader)
@@ -122,7 +122,7 @@ class ClockFollower(RunClock):
         """Return by how much a simulation's time is ahead of the run clock."""
         return self._apart[name].off_s if name in self._apart else 0.0
 
-    def _look(self, name: str, wall_s: float, segment: Segment) -> None:
+    def _look(self, name: str, wall_s: float, segment: ClockSegment) -> None:
         apart, track = self._apart[name], self._tracks[name]
         if not apart.look(track, wall_s=wall_s, run_s=segment.run_s):
             return
@@ -136,7 +136,7 @@ class ClockFollower(RunClock):
         self._report(ClocksApart(name, text))
 
 
-def boot_s_of(frame: Frame) -> float:
+def boot_s_of(frame: MavlinkFrame) -> float:
     """Return the time since boot in a frame of one of the messages that the clock follows."""
     at = _BOOT_MS_AT[frame.message_id]
     # MAVLink 2 leaves out zeros at the end.
@@ -147,7 +147,7 @@ def boot_s_of(frame: Frame) -> float:
 def run_clock_of(
     guard_config: GuardConfig,
     *,
-    channel: Channel[Any],
+    channel: GuardChannel[Any],
     trouble: Callable[[Trouble], None],
     took_over: Callable[[], bool],
 ) -> RunClock | None:
@@ -159,9 +159,9 @@ def run_clock_of(
     if setup is None or not isinstance(loop, PacedLoop):
         return None
 
-    def publish(segment: Segment) -> None:
+    def publish(segment: ClockSegment) -> None:
         holds_s = None if setup.leader is not None else segment.holds_s
-        channel.send(Pace(segment.wall_s, segment.run_s, segment.rate, holds_s))
+        channel.send(ClockPace(segment.wall_s, segment.run_s, segment.rate, holds_s))
 
     if setup.leader is None:
         return LockstepClock(
@@ -186,10 +186,10 @@ def _pace_frames(guard_config: GuardConfig, launched: Iterable[str]) -> dict[str
     for name in launched:
         vehicle = guard_config.vehicles[name].vehicle
         if vehicle.autopilot.heeds_pace:
-            codec = Codec(system_id=settings.system_id, component_id=settings.component_id)
+            codec = MavlinkCodec(system_id=settings.system_id, component_id=settings.component_id)
             frames[name] = partial(_pace_frame, vehicle, codec)
     return frames
 
 
-def _pace_frame(vehicle: GuardedVehicle, codec: Codec, times_real_time: float) -> bytes:
+def _pace_frame(vehicle: GuardedVehicle, codec: MavlinkCodec, times_real_time: float) -> bytes:
     return codec.pack(vehicle.autopilot.set_simulation_pace(vehicle.target, times_real_time))

@@ -72,7 +72,7 @@ def unsafe_folders() -> tuple[str, ...]:
     return tuple(f"{folder} {fault}" for folder, fault in found if fault)
 
 
-def sweep(folder: Path) -> None:
+def sweep_runtime_folder(folder: Path) -> None:
     """Remove sockets and unfinished records of processes that are gone."""
     for path in folder.iterdir():
         named = _OF_PROCESS.fullmatch(path.name)

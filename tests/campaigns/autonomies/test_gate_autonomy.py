@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from wil_campaign.campaigns.autonomies.gate import GateAutonomy
-from wil_campaign.campaigns.autonomies.gate_parameters import parse_parameters
+from wil_campaign.campaigns.autonomies.gate_parameters import parse_gate_parameters
 from wil_campaign.campaigns.autonomies.gate_range import Looming
 from wil_campaign.vehicles.autonomy import Autonomy, Command, Telemetry
 from wil_campaign.vehicles.readings import BgrImage, CameraReading
@@ -262,7 +262,7 @@ def test_faults_of_parameters_are_reported_by_name() -> None:
             make(**wrong)
     with pytest.raises(ValueError, match="altitude_m"):
         GateAutonomy(goal={}, parameters={}, seed=1)
-    assert parse_parameters({"ki": 0, "speed_m_s": 1}).ki == 0
+    assert parse_gate_parameters({"ki": 0, "speed_m_s": 1}).ki == 0
 
 
 @settings(max_examples=50)

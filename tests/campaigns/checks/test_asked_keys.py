@@ -9,7 +9,7 @@ import pytest
 
 from tests.orchestrator.hover import CAMPAIGN, write_hover
 from wil_campaign.campaigns.checks.autonomy_checks import unread_keys
-from wil_campaign.campaigns.expansion.expansion import Options, load_campaign
+from wil_campaign.campaigns.expansion.expansion import ExpansionOptions, load_campaign
 
 Build = Callable[[dict[str, object]], object]
 GIVEN = {"speed_ms": 1.0, "gain": 2.0}
@@ -82,7 +82,7 @@ def test_a_campaign_has_it_as_a_warning_with_its_place_and_as_a_caveat(
     path = write_hover(tmp_path)
     used = "autonomy: {use: still.py:Still, with: {tick: 2}}"
     path.write_text(CAMPAIGN.replace("autonomy: still.py:Still", used))
-    campaign = load_campaign(path, Options(is_autonomy_isolated=is_isolated))
+    campaign = load_campaign(path, ExpansionOptions(is_autonomy_isolated=is_isolated))
     (warning,) = [one for one in campaign.warnings if "never read" in one.message]
     assert (warning.line, warning.suggestion) == (5, "ticks")
     assert warning.message == "the autonomy never read `tick` of its `with`"

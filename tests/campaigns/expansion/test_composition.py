@@ -4,7 +4,7 @@ from typing import Any
 
 import pytest
 
-from wil_campaign.campaigns.expansion.expansion import Campaign, Options, load_campaign
+from wil_campaign.campaigns.expansion.expansion import Campaign, ExpansionOptions, load_campaign
 from wil_campaign.foundation.files.documents import BadInput
 
 TEXT = """\
@@ -32,7 +32,7 @@ def both(files: Any) -> Any:
 
 def load(files: Any, more: str = "", **options: Any) -> Campaign:
     (files.folder / "both.yaml").write_text(TEXT + more)
-    return load_campaign(files.folder / "both.yaml", Options(**options))
+    return load_campaign(files.folder / "both.yaml", ExpansionOptions(**options))
 
 
 def faults(files: Any, more: str = "", **options: Any) -> list[str]:

@@ -8,7 +8,7 @@ import pytest
 
 from wil_campaign import campaigns
 from wil_campaign.campaigns.expansion.expansion import Campaign, RunPlan, load_campaign
-from wil_campaign.campaigns.values.acceptance import Requirement, Share
+from wil_campaign.campaigns.values.acceptance import PassRequirement, PassShare
 from wil_campaign.foundation.files.documents import BadInput
 
 SHIPPED = sorted(Path(campaigns.__file__).parent.glob("*.yaml"))
@@ -198,22 +198,27 @@ def test_everything_is_required_without_accept(files: Any) -> None:
     files.change("accept: {large: {sim: 3/3, wil: 2/3}}\n", "")
     campaign = files.load()
     assert all(run.required for run in campaign.runs)
-    assert {requirement.share for requirement in campaign.requirements} == {Share(3, 3)}
+    assert {requirement.share for requirement in campaign.requirements} == {PassShare(3, 3)}
 
 
 def test_accept_says_which_runs_are_required(files: Any) -> None:
     campaign = files.load()
     assert {run.case for run in campaign.runs if run.required} == {"large"}
     assert campaign.requirements == (
-        Requirement("large", "sim", Share(3, 3)),
-        Requirement("large", "wil", Share(2, 3)),
+        PassRequirement("large", "sim", PassShare(3, 3)),
+        PassRequirement("large", "wil", PassShare(2, 3)),
     )
 
 
 def test_a_share_is_scaled_to_other_repetitions(files: Any) -> None:
     shares = {n: files.load(repetitions=n).requirements[1].share for n in (1, 3, 6, 10)}
-    assert shares == {1: Share(1, 1), 3: Share(2, 3), 6: Share(4, 6), 10: Share(7, 10)}
-    assert files.load(sets=("repetitions=6",)).requirements[1].share == Share(4, 6)
+    assert shares == {
+        1: PassShare(1, 1),
+        3: PassShare(2, 3),
+        6: PassShare(4, 6),
+        10: PassShare(7, 10),
+    }
+    assert files.load(sets=("repetitions=6",)).requirements[1].share == PassShare(4, 6)
 
 
 def test_a_campaign_without_cases_has_one_case(files: Any) -> None:

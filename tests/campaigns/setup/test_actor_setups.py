@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from wil_campaign.campaigns.expansion.expansion import Options, load_campaign
+from wil_campaign.campaigns.expansion.expansion import ExpansionOptions, load_campaign
 from wil_campaign.campaigns.setup.actor_setups import ActorSetup
 from wil_campaign.foundation.files.documents import BadInput
 
@@ -14,7 +14,7 @@ MOTION = "world.objects.intruder.motion"
 
 
 def setup(*sets: str) -> ActorSetup:
-    options = Options(
+    options = ExpansionOptions(
         cases=("fast",), modes=("sim",), sets=(FLOWN, *sets, "controls={}"), loads_code=False
     )
     return load_campaign(AVOID, options).runs[0].setup().actors["intruder"]
@@ -50,7 +50,7 @@ def test_an_actor_that_no_vehicle_can_fly_is_refused(sets: tuple[str, ...], said
 
 def test_a_parameter_of_an_actor_without_effect_is_warned_of() -> None:
     sets = (FLOWN, "actors.intruder.params={RTL_TYPE: 1, MPC_XY_P: 0.9}", "controls={}")
-    options = Options(cases=("fast",), modes=("sim",), sets=sets, loads_code=False)
+    options = ExpansionOptions(cases=("fast",), modes=("sim",), sets=sets, loads_code=False)
     texts = [str(warning) for warning in load_campaign(AVOID, options).warnings]
     assert sum("carries 'RTL_TYPE', and nothing acts on it" in text for text in texts) == 1
     assert not any("carries 'MPC_XY_P'" in text for text in texts)

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from wil_campaign.campaigns.expansion.expansion import Campaign, Options, load_campaign
-from wil_campaign.campaigns.setup.encounters import encounters
+from wil_campaign.campaigns.expansion.expansion import Campaign, ExpansionOptions, load_campaign
+from wil_campaign.campaigns.setup.encounters import actor_encounters
 from wil_campaign.foundation.files.documents import BadInput
 
 AVOID = Path(__file__).parents[3] / "campaigns" / "avoid.yaml"
@@ -24,7 +24,7 @@ ANSWERED = "preflight.override={separation: A. Pilot}"
 def campaign(*sets: str, mode: str = "real") -> Campaign:
     one_case = ("cases={fast: {}}", f"accept={{fast: {{{mode}: 5/5}}}}", "controls={}")
     given = (*one_case, f"modes=[{mode}]", *sets)
-    return load_campaign(AVOID, Options(sets=given, loads_code=False))
+    return load_campaign(AVOID, ExpansionOptions(sets=given, loads_code=False))
 
 
 def problems(*sets: str, mode: str = "real") -> str:
@@ -55,7 +55,7 @@ def test_an_actor_at_another_place_starts_where_its_object_does() -> None:
     assert actor.kind == "attached"
     assert actor.start.position_ned_m == pytest.approx((2.5, 0.0, -0.05))
     assert actor.standing_pose.position_ned_m == (30.0, 2.0, 0.0)
-    (one,) = encounters(setup, "wil")
+    (one,) = actor_encounters(setup, "wil")
     assert one.stated_m == pytest.approx(math.hypot(30.0, 2.0))
     # It heads east where its object heads south: its fence is turned by that, and moved with it.
     assert one.apart_m == pytest.approx(30.0 - 1.5 - 2.0)

@@ -9,7 +9,7 @@ from tests.campaigns.conftest import Files
 from wil_campaign.campaigns.schema.bench import BenchRequestPart
 from wil_campaign.campaigns.setup.bench_file import Bench, load_benches, read_bench
 from wil_campaign.campaigns.setup.bench_resolution import fitting_benches
-from wil_campaign.foundation.files.documents import BadInput, parse
+from wil_campaign.foundation.files.documents import BadInput, parse_document
 from wil_campaign.vehicles.links.link_strings import parse_link
 
 BENCH = """\
@@ -30,7 +30,7 @@ GEOFENCE = "geofence:\n  box: {north_m: [-1, 4], east_m: [-2, 2], up_m: [-0.5, 2
 
 
 def bench_of(text: str, name: str = "hall-a.yaml") -> Bench:
-    return read_bench(parse(text.encode(), name=name))
+    return read_bench(parse_document(text.encode(), name=name))
 
 
 def faults_of(text: str) -> list[str]:

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from wil_campaign.campaigns.setup.vehicle_fences import changed_fences
-from wil_campaign.foundation.files.documents import BadInput, Problem, parse
+from wil_campaign.foundation.files.documents import BadInput, Problem, parse_document
 from wil_campaign.safety.fence.areas import FenceError, Polygon
 from wil_campaign.safety.fence.fence_files import parse_fence_file, read_fence_file
 from wil_campaign.safety.fence.fence_schema import FencePart
@@ -479,7 +479,7 @@ def test_any_file_is_a_fence_or_refused_with_its_faults(document: dict[str, Any]
     problems: tuple[Problem, ...] = ()
     drawn = DrawnFence()
     try:
-        drawn = read_fence_file(parse(json.dumps(document).encode(), name="x.json"))
+        drawn = read_fence_file(parse_document(json.dumps(document).encode(), name="x.json"))
     except BadInput as error:
         problems = error.problems
     assert bool(problems) is not bool(drawn.inclusions or drawn.exclusions)
@@ -517,7 +517,7 @@ def test_a_fence_file_that_cannot_be_read_is_reported(files: Any) -> None:
 
 
 def changed(text: str, **present: Fence) -> dict[str, Fence]:
-    found = changed_fences(parse(text.encode(), name="new"), FRAME, present)
+    found = changed_fences(parse_document(text.encode(), name="new"), FRAME, present)
     return {str(name): fence for name, fence in found.items()}
 
 

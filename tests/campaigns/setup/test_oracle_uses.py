@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from wil_campaign.campaigns.expansion.expansion import Options, load_campaign
+from wil_campaign.campaigns.expansion.expansion import ExpansionOptions, load_campaign
 from wil_campaign.foundation.files.documents import BadInput
 from wil_campaign.safety.model.verdict import PARTS
 
@@ -17,7 +17,7 @@ SOURCE = re.compile(r"""source ?= ?f?"([a-z-]+)[./]""")
 def test_an_oracle_with_the_name_of_another_part_is_refused(name: str) -> None:
     sets = (f"oracles={{{name}: {{use: altitude, max_m: 2}}, landed: {{}}}}",)
     with pytest.raises(BadInput, match=f"'{name}' is the name of a part of a run"):
-        load_campaign(ROOT / "campaigns" / "gate.yaml", Options(sets=sets))
+        load_campaign(ROOT / "campaigns" / "gate.yaml", ExpansionOptions(sets=sets))
 
 
 def test_the_parts_are_those_that_decide_runs() -> None:

@@ -8,8 +8,8 @@ from tests.campaigns.conftest import Files
 from wil_campaign.campaigns.values.sensor_setups import (
     CameraSetup,
     DepthSetup,
-    OtherSetup,
-    options_of,
+    OtherSensorSetup,
+    sensor_options_of,
 )
 from wil_campaign.plugins.lidar.lidar import LidarOptions
 from wil_campaign.vehicles.readings import sensor_names
@@ -41,13 +41,13 @@ def test_every_type_of_reading_has_its_sensor(files: Files) -> None:
     assert kinds_of_all == set(sensor_names()), "ALL and CAMERA above name each sensor type once"
     assert isinstance(sensors["camera"], CameraSetup)
     assert isinstance(sensors["stereo"], DepthSetup)
-    lidar, below = options_of(sensors["lidar"], LidarOptions), sensors["below"]
+    lidar, below = sensor_options_of(sensors["lidar"], LidarOptions), sensors["below"]
     assert lidar is not None
     assert lidar.pattern.start_angle_rad == pytest.approx(-math.pi / 2)
     assert lidar.pattern.step_rad == pytest.approx(math.radians(1.0))
     assert (lidar.range_min_m, lidar.range_max_m) == (None, 6.0)
     assert lidar.mounted.position_ned_m == (0.0, 0.0, -0.05)
-    assert isinstance(below, OtherSetup)
+    assert isinstance(below, OtherSensorSetup)
     assert below.mount.to_parent((1.0, 0.0, 0.0)) == pytest.approx((0.0, 0.0, 1.0), abs=1e-12)
     assert sensors["ear"].rate_hz == 20.0
 
@@ -55,7 +55,7 @@ def test_every_type_of_reading_has_its_sensor(files: Files) -> None:
 def test_a_full_turn_has_no_beam_twice(files: Files) -> None:
     with_sensors(files, "      lidar: {type: lidar, beams: 360}\n")
     lidar = files.load().setups["large"].vehicles["real"].sensors[1]
-    options = options_of(lidar, LidarOptions)
+    options = sensor_options_of(lidar, LidarOptions)
     assert options is not None
     assert options.pattern.step_rad == pytest.approx(math.radians(1.0))
 

@@ -2,7 +2,11 @@
 
 import pytest
 
-from wil_campaign.campaigns.values.wanted_firmware import check_version, fits, names_versions
+from wil_campaign.campaigns.values.wanted_firmware import (
+    check_firmware_version,
+    fits_firmware,
+    names_versions,
+)
 
 HASH = "83c4f4e580000000"
 
@@ -25,14 +29,14 @@ HASH = "83c4f4e580000000"
 def test_a_version_fits_a_wanted_one_by_its_leading_parts(
     wanted: str, version: str, is_met: bool
 ) -> None:
-    check_version(wanted)
-    assert fits(wanted, version, HASH) is is_met
+    check_firmware_version(wanted)
+    assert fits_firmware(wanted, version, HASH) is is_met
 
 
 @pytest.mark.parametrize("text", ["", "latest", "v1.16", "1.2.3.4", "83c4f", "4.6.*"])
 def test_a_text_that_is_no_version_is_refused(text: str) -> None:
     with pytest.raises(ValueError, match="must be a version like"):
-        check_version(text)
+        check_firmware_version(text)
 
 
 def test_shares_under_the_key_are_a_case_of_that_name() -> None:

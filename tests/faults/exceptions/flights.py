@@ -15,12 +15,12 @@ from tests.faults.exceptions.injection import InjectingLoop, Injection, Probe, c
 from tests.faults.witness import Witness
 from tests.orchestrator.conftest import vehicles_on
 from tests.orchestrator.hover import STILL, WORLD
-from wil_campaign.campaigns.expansion.expansion import Options, load_campaign
+from wil_campaign.campaigns.expansion.expansion import ExpansionOptions, load_campaign
 from wil_campaign.foundation.clocks import virtual_loop as clock
 from wil_campaign.orchestrator.campaign.resuming.runs_without_result import lost_result
 from wil_campaign.orchestrator.campaign.workers.local_workers import _lost_by_exception
-from wil_campaign.orchestrator.run.flight.run import Disturb, fly
-from wil_campaign.orchestrator.run.vehicles.pair import Pair
+from wil_campaign.orchestrator.run.flight.run import Disturb, fly_one_run
+from wil_campaign.orchestrator.run.vehicles.pair import VehiclePair
 from wil_campaign.orchestrator.run_results.exit_codes import exit_code
 from wil_campaign.orchestrator.run_results.run_result import RunResult
 from wil_campaign.orchestrator.state.faults import fault_log
@@ -115,7 +115,7 @@ class Flights:
         (folder / "still.py").write_text(STILL)
         path = folder / "hover.yaml"
         path.write_text(_CAMPAIGN)
-        self._plan = load_campaign(path, Options(modes=(mode,))).runs[0]
+        self._plan = load_campaign(path, ExpansionOptions(modes=(mode,))).runs[0]
 
     def find(self, *, calls: bool = False) -> tuple[Probe, Outcome]:
         """Fly undisturbed, and return what points there are."""
@@ -129,7 +129,7 @@ class Flights:
     def watch_stage(self, stage: str, injection: Injection) -> Outcome:
         """Fly with a watcher of stages that raises at one of them."""
 
-        def watch(_: Pair, run_state: RunState) -> None:
+        def watch(_: VehiclePair, run_state: RunState) -> None:
             def entered(name: str, _: float) -> None:
                 if name == stage:
                     probe.raised = True
@@ -145,7 +145,7 @@ class Flights:
         setup = RunSetup.of(RunOrder(plan=self._plan, folder=folder, clock="virtual"))
         seen: list[Witness] = []
 
-        def watch(pair: Pair, run_state: RunState) -> None:
+        def watch(pair: VehiclePair, run_state: RunState) -> None:
             probe.stage = lambda: run_state.stage
             seen.append(Witness(pair.vehicles))
             if disturb is not None:
@@ -160,7 +160,7 @@ class Flights:
             if calls:
                 stack.enter_context(calls_pass_by(probe, but=NOT_CALLED))
             try:
-                result = fly(setup, lambda _: None, Nobody(), disturb=watch)
+                result = fly_one_run(setup, lambda _: None, Nobody(), disturb=watch)
             except BaseException as error:  # noqa: BLE001 - a worker takes whatever it was
                 lost = _lost_by_exception(error)
                 raised, result = lost.reason, lost_result(self._plan, lost, folder)

@@ -24,9 +24,9 @@ from tests.faults.exceptions.injection import (
 from tests.safety.guard.remote_rigs import ROOT, SYSTEMS, RemoteFlight, until, words
 from wil_campaign.foundation.processes.child import ChildProcess
 from wil_campaign.foundation.tasks import TaskAccount
-from wil_campaign.orchestrator.state.faults import Faults, fault_log
+from wil_campaign.orchestrator.state.faults import InternalFaults, fault_log
 from wil_campaign.safety.fence.geofence import Fence
-from wil_campaign.safety.guard.core.commands import AnchorAt, BringDown, NewFences, Operate
+from wil_campaign.safety.guard.core.commands import AnchorAt, BringDown, NewFences, OperatorAction
 from wil_campaign.safety.guard.core.operator_command import OperatorCommand
 from wil_campaign.safety.guard.operator.operator_socket import POINTER
 from wil_campaign.safety.guard.process import guard_launch
@@ -124,7 +124,7 @@ def _instrumented(*, argv: tuple[str, ...], **more: Any) -> ChildProcess:
 async def _fly(folder: Path, outcome: GuardOutcome, probe: Probe) -> None:
     """Be the run: whatever is raised or reported is kept, and nothing else."""
     loop = asyncio.get_running_loop()
-    faults = Faults(
+    faults = InternalFaults(
         time=time.monotonic,
         log=fault_log(folder / "log.jsonl"),
         take=lambda fault: outcome.reported.append(f"{fault.text}\n{fault.trace}"),
@@ -172,7 +172,7 @@ async def _in_the_air(folder: Path, flight: RemoteFlight) -> None:
                 await reader.readline()
     finally:
         writer.close()
-    flight.guard.send(Operate(OperatorCommand("hold", "anna")))
+    flight.guard.send(OperatorAction(OperatorCommand("hold", "anna")))
     await until(lambda: "operator" in flight.kinds() or bool(flight.kinds()))
     flight.guard.send(BringDown("done"))
     await flight.guard.all_down(10.0)

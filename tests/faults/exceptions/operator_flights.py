@@ -27,10 +27,10 @@ from wil_campaign.orchestrator.campaign.folder.campaign_folder import OutputErro
 from wil_campaign.orchestrator.operator.campaign_controller import CampaignController
 from wil_campaign.orchestrator.operator.errors import OperatingError
 from wil_campaign.orchestrator.operator.operator_channels import open_operator_channels
-from wil_campaign.orchestrator.state.faults import Faults, fault_log
+from wil_campaign.orchestrator.state.faults import InternalFaults, fault_log
 from wil_campaign.plugins.mqtt.broker_address import BrokerAddress
 from wil_campaign.plugins.mqtt.embedded_broker import embedded_broker
-from wil_campaign.plugins.mqtt.mqtt_operator import mqtt_operating
+from wil_campaign.plugins.mqtt.mqtt_operator import connected_mqtt_operator
 from wil_campaign.plugins.mqtt.mqtt_setup import MqttSetup
 from wil_campaign.safety.guard.operator.operator_socket import POINTER
 
@@ -89,7 +89,7 @@ class OperatorFlights:
 async def _operate(folder: Path, outcome: OperatorOutcome, probe: Probe) -> None:
     """Account for the loop as a campaign does."""
     loop = asyncio.get_running_loop()
-    faults = Faults(
+    faults = InternalFaults(
         time=time.monotonic,
         log=fault_log(folder / "log.jsonl"),
         take=lambda fault: outcome.reported.append(f"{fault.text}\n{fault.trace}"),
@@ -138,7 +138,7 @@ async def _use_broker(controller: CampaignController) -> None:
     async with AsyncExitStack() as stack:
         broker = await stack.enter_async_context(AsyncExitStack())
         await broker.enter_async_context(embedded_broker(address, ACCESS))
-        await stack.enter_async_context(mqtt_operating(setup, SECRETS, controller))
+        await stack.enter_async_context(connected_mqtt_operator(setup, SECRETS, controller))
         async with Person(address.port, controller) as person:
             await person.command("hold")
             await person.say("abort", b"{")

@@ -15,8 +15,8 @@ from tests.campaigns.conftest import CAMPAIGN, Files
 from tests.faults.fuzzing.targets import Prepared, Target, by_file
 from tests.orchestrator.report.recorded_campaign import write_campaign
 from wil_campaign.campaigns.expansion.expansion import load_campaign
-from wil_campaign.foundation.files.documents import BadInput, load, parse
-from wil_campaign.foundation.files.images import ImageError, decode_image
+from wil_campaign.foundation.files.documents import BadInput, load_document, parse_document
+from wil_campaign.foundation.files.images import ImageError, decode_image_file
 from wil_campaign.orchestrator.reading.results_folder import UnreadableError
 from wil_campaign.orchestrator.reading.trajectory_file import read_trajectory
 from wil_campaign.orchestrator.report.reading.event_log import read_event_log
@@ -26,7 +26,7 @@ from wil_campaign.plugins.cameras.image_files import VideoFile
 from wil_campaign.plugins.detector.detector import DetectorError, OnnxDetector
 from wil_campaign.plugins.meshes.mesh_reader import load_mesh_shape
 from wil_campaign.plugins.offline.errors import OfflineError
-from wil_campaign.plugins.offline.recorded_inputs import items
+from wil_campaign.plugins.offline.recorded_inputs import recording_items
 from wil_campaign.plugins.paper_xml.paper_xml import parse_paper_xml
 from wil_campaign.plugins.statistics.history.records import HistoryFileError, read_records
 from wil_campaign.plugins.stl.formula import StlError
@@ -76,7 +76,7 @@ def _files(*patterns: str) -> list[bytes]:
 def _documents(folder: Path) -> Prepared:
     del folder
     seeds = [*_files("campaigns/*.yaml", "worlds/*.yaml", "recipes/*.yaml"), _PLAN, _GEOJSON]
-    return Prepared(seeds, lambda data: parse(data, name="input"))
+    return Prepared(seeds, lambda data: parse_document(data, name="input"))
 
 
 def _campaigns(folder: Path) -> Prepared:
@@ -93,7 +93,7 @@ def _worlds(folder: Path) -> Prepared:
     del folder
 
     def build(data: bytes) -> None:
-        World.parse(parse(data, name="input")).scene("wil", "Wv")
+        World.parse(parse_document(data, name="input")).scene("wil", "Wv")
 
     return Prepared(_files("worlds/*.yaml"), build)
 
@@ -102,7 +102,7 @@ def _recipes(folder: Path) -> Prepared:
     del folder
     return Prepared(
         _files("recipes/*.yaml"),
-        lambda data: load_recipe(parse(data, name="input"), loads_code=False),
+        lambda data: load_recipe(parse_document(data, name="input"), loads_code=False),
     )
 
 
@@ -112,7 +112,7 @@ def _paper_recipes(folder: Path) -> Prepared:
 
 
 def _fences(folder: Path) -> Prepared:
-    take = by_file(folder, ".plan", lambda path: read_fence_file(load(path, json=True)))
+    take = by_file(folder, ".plan", lambda path: read_fence_file(load_document(path, json=True)))
     return Prepared((_PLAN, _GEOJSON), take)
 
 
@@ -134,7 +134,7 @@ def _images(folder: Path) -> Prepared:
     del folder
     kinds = (".png", ".jpg", ".bmp", ".tiff", ".webp", ".ppm")
     seeds = [cv2.imencode(kind, _picture())[1].tobytes() for kind in kinds]
-    return Prepared(seeds, decode_image)
+    return Prepared(seeds, decode_image_file)
 
 
 def _mesh(suffix: str) -> Callable[[Path], Prepared]:
@@ -213,7 +213,7 @@ def _recordings(folder: Path) -> Prepared:
 
     def read(path: Path) -> None:
         read_sights(path, mode="wil", wanted_s=(0.5, 1.0))
-        for _ in items(path):
+        for _ in recording_items(path):
             pass
 
     return Prepared(seeds, by_file(folder, ".mcap", read))

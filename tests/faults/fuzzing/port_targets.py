@@ -11,20 +11,24 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from tests.faults.fuzzing.targets import Prepared, Target
 from wil_campaign.plugins.ardupilot.strategy import ArduCopter
 from wil_campaign.plugins.mocap.motion_capture import PROTOCOL, decode_frame
-from wil_campaign.plugins.mqtt.message_signing import signed
+from wil_campaign.plugins.mqtt.message_signing import signed_message
 from wil_campaign.plugins.mqtt.mqtt_commands import CommandReader, RefusedCommandError
-from wil_campaign.plugins.readings.messagepack import BadMessageError, pack
+from wil_campaign.plugins.readings.messagepack import BadMessageError, pack_header
 from wil_campaign.plugins.simulator.simulator_protocol import PROTOCOL as SIMULATOR
-from wil_campaign.plugins.simulator.simulator_protocol import Ask, image_of, welcome_of
+from wil_campaign.plugins.simulator.simulator_protocol import (
+    ImageRequest,
+    simulated_image_of,
+    welcome_of,
+)
 from wil_campaign.safety.fence.geofence import Fence
 from wil_campaign.safety.guard.core.events import GuardedVehicle, ToVehicle
 from wil_campaign.safety.guard.core.guard_core import GuardCore
 from wil_campaign.safety.guard.operator.operator_lines import RefusedLineError, parse_line
-from wil_campaign.vehicles.autopilots.autopilot import Mode, command_long
-from wil_campaign.vehicles.autopilots.autopilot import Target as Addressed
+from wil_campaign.vehicles.autopilots.autopilot import FlightMode, command_long
+from wil_campaign.vehicles.autopilots.autopilot import MavlinkTarget as Addressed
 from wil_campaign.vehicles.autopilots.px4 import Px4
-from wil_campaign.vehicles.mavlink.codec import Codec
-from wil_campaign.vehicles.mavlink.framing import checksum
+from wil_campaign.vehicles.mavlink.codec import MavlinkCodec
+from wil_campaign.vehicles.mavlink.framing import frame_checksum
 from wil_campaign.worlds.camera import Intrinsics
 from wil_campaign.worlds.frames import Pose
 
@@ -59,7 +63,7 @@ def _topics(folder: Path) -> Prepared:
         flying=lambda: ["large/wil/1"],
     )
     body = json.dumps({"session": "s", "id": "a1", "at": _NOW_S, "who": "eve"}).encode()
-    seeds = [signed(f"wil/gate/operator/{kind}", body, b"guess") for kind in _KINDS]
+    seeds = [signed_message(f"wil/gate/operator/{kind}", body, b"guess") for kind in _KINDS]
 
     def take(data: bytes) -> None:
         for kind in _KINDS:
@@ -73,12 +77,12 @@ def _capture(folder: Path) -> Prepared:
     del folder
     body = {"name": "real", "position_m": [1.0, 2.0, -1.0], "q_wxyz": [1.0, 0.0, 0.0, 0.0]}
     frame = {"protocol": PROTOCOL, "frame": "ned", "seq": 4, "t_s": 1.5, "bodies": [body]}
-    return Prepared([bytes(pack(frame)), json.dumps(frame).encode()], decode_frame)
+    return Prepared([bytes(pack_header(frame)), json.dumps(frame).encode()], decode_frame)
 
 
 _IMAGE_BYTES = 8 * 6 * 3
 _INTRINSICS = Intrinsics(width_px=8, height_px=6, fx_px=7.0, fy_px=7.0, cx_px=4.0, cy_px=3.0)
-_ASK = Ask(
+_ASK = ImageRequest(
     seq=1, t_s=1.0, camera_pose=Pose((0.0, 0.0, -1.0)), intrinsics=_INTRINSICS, want_depth=True
 )
 
@@ -99,7 +103,7 @@ def _simulator(folder: Path) -> Prepared:
     taken: tuple[Callable[[bytes], object], ...] = (
         lambda data: welcome_of([data]),
         # Two ends of the bytes are its parts: what is changed in front moves neither.
-        lambda data: image_of(
+        lambda data: simulated_image_of(
             [data[: -len(depth) - len(image)], data[-len(depth) - len(image) :][: len(image)],
              data[-len(depth) :]], _ASK,
         ),
@@ -115,12 +119,14 @@ def _simulator(folder: Path) -> Prepared:
             else:
                 return
 
-    return Prepared([bytes(pack(welcome)), bytes(pack(picture)) + image + depth], take)
+    return Prepared(
+        [bytes(pack_header(welcome)), bytes(pack_header(picture)) + image + depth], take
+    )
 
 
 def _mavlink_seeds(system: int) -> list[bytes]:
     """Return one frame of every message of the dialect, in a system's name."""
-    codec = Codec(system_id=system, component_id=1)
+    codec = MavlinkCodec(system_id=system, component_id=1)
     return [codec.pack(_blank(kind)) for kind in mavlink.mavlink_map.values()]
 
 
@@ -144,13 +150,13 @@ def _resealed(data: bytes) -> bytes:
     kind = mavlink.mavlink_map.get(int.from_bytes(data[7:10], "little"))
     if kind is None or len(data) < end + 2:
         return data
-    total = checksum(data[1:end], bytes([kind.crc_extra]))
+    total = frame_checksum(data[1:end], bytes([kind.crc_extra]))
     return data[:end] + total.to_bytes(2, "little") + data[end + 2 :]
 
 
 def _frames(folder: Path) -> Prepared:
     del folder
-    codec = Codec(system_id=245, component_id=190)
+    codec = MavlinkCodec(system_id=245, component_id=190)
 
     def take(data: bytes) -> None:
         for message in codec.parse(_resealed(data)):
@@ -173,11 +179,11 @@ def _guard(folder: Path) -> Prepared:
         )
 
     state: dict[str, Any] = {"core": made(), "count": 0}
-    driver = Codec(system_id=245, component_id=190)
+    driver = MavlinkCodec(system_id=245, component_id=190)
     seeds = [
         *_mavlink_seeds(1),
         driver.pack(command_long(Addressed(1), 400, 1.0)),
-        driver.pack(Px4().set_mode(Addressed(1), Mode.LAND)),
+        driver.pack(Px4().set_mode(Addressed(1), FlightMode.LAND)),
         driver.pack(
             Px4().velocity_setpoint(Addressed(1), t_boot_ms=0, velocity_ned_m_s=(1.0, 0.0, 0.0))
         ),

@@ -8,7 +8,7 @@ import pytest
 from wil_campaign.orchestrator.campaign import display_thread
 from wil_campaign.orchestrator.campaign.display_thread import DisplayThread
 from wil_campaign.orchestrator.cli.progress_display import SilentDisplay
-from wil_campaign.orchestrator.operator.run_messages import Progress
+from wil_campaign.orchestrator.operator.run_messages import RunProgressReport
 
 
 @dataclass
@@ -18,7 +18,7 @@ class Stopped(SilentDisplay):
     may: threading.Event = field(default_factory=threading.Event)
     shown: list[str] = field(default_factory=list)
 
-    def progress(self, progress: Progress) -> None:
+    def progress(self, progress: RunProgressReport) -> None:
         assert self.may.wait(60.0)
         self.shown.append(f"{progress.t_s:.0f} s")
 
@@ -44,7 +44,7 @@ def test_the_lines_that_wait_for_a_display_are_bounded_and_in_order(
         display.finished(None)  # type: ignore[arg-type]  # it is only what the thread waits in
         assert taken.wait(60.0)
         for t_s in range(4):
-            display.progress(Progress("large", "wil", 1, "goal", float(t_s)))
+            display.progress(RunProgressReport("large", "wil", 1, "goal", float(t_s)))
         for number in range(4):
             display.say(f"line {number}")
         display.settle()  # does not wait for the display

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from tests.orchestrator.run_results.test_results import result
-from wil_campaign.campaigns.expansion.expansion import Campaign, Options, load_campaign
+from wil_campaign.campaigns.expansion.expansion import Campaign, ExpansionOptions, load_campaign
 from wil_campaign.foundation.clocks.virtual_loop import Clock
 from wil_campaign.orchestrator.campaign.liftoff_learning import LiftoffLearning
 from wil_campaign.orchestrator.run_results.run_result import SyncResult
@@ -17,7 +17,7 @@ ROOT = Path(__file__).parents[3]
 
 @pytest.fixture(scope="module")
 def campaign() -> Campaign:
-    return load_campaign(ROOT / "campaigns" / "gate.yaml", Options(cases=("large",)))
+    return load_campaign(ROOT / "campaigns" / "gate.yaml", ExpansionOptions(cases=("large",)))
 
 
 def known(campaign: Campaign, clock: Clock, mode: str, **measured_s: float) -> dict[str, float]:

@@ -12,7 +12,7 @@ from wil_campaign.campaigns.expansion.expansion import RunPlan, load_campaign
 from wil_campaign.orchestrator.campaign.resuming.runs_without_result import lost_result
 from wil_campaign.orchestrator.campaign.workers.run_workers import WorkerLost
 from wil_campaign.orchestrator.cli import main
-from wil_campaign.orchestrator.run.vehicles.pair import Pair
+from wil_campaign.orchestrator.run.vehicles.pair import VehiclePair
 from wil_campaign.orchestrator.run_results.attempts import retry_due
 from wil_campaign.orchestrator.run_results.run_result import RunResult
 from wil_campaign.orchestrator.state.run_state import RunState
@@ -155,7 +155,7 @@ def test_a_flight_that_was_invalid_and_then_touched_the_gate_is_not_flown_again(
 ) -> None:
     """It flies beside the middle of the gate, into its side."""
 
-    def disturb(_: Pair, run_state: RunState) -> None:
+    def disturb(_: VehiclePair, run_state: RunState) -> None:
         def decide(stage: str, _: float) -> None:
             if stage == "goal":
                 run_state.decide("INVALID", "for the test", ends_flight=False)
@@ -176,7 +176,7 @@ def test_a_goal_missed_since_the_flight_was_ended_is_no_failure(
 ) -> None:
     """Where the flight went on to its end and did not reach the gate, that is one."""
 
-    def disturb(_: Pair, run_state: RunState) -> None:
+    def disturb(_: VehiclePair, run_state: RunState) -> None:
         def decide(stage: str, _: float) -> None:
             if stage == "goal":
                 run_state.decide("INVALID", "for the test", ends_flight=ends)

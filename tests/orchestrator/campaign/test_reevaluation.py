@@ -10,8 +10,8 @@ from typing import Any
 import pytest
 
 from tests.orchestrator.conftest import FEW_PICTURES, GATE_FLOWN, ROOT
-from wil_campaign.campaigns.expansion.expansion import Options, RunPlan, load_campaign
-from wil_campaign.foundation.files.document_writer import to_json, write_whole
+from wil_campaign.campaigns.expansion.expansion import ExpansionOptions, RunPlan, load_campaign
+from wil_campaign.foundation.files.document_writer import to_json, write_atomically
 from wil_campaign.orchestrator.campaign.reevaluation import judge_run_again
 from wil_campaign.orchestrator.cli import main
 from wil_campaign.orchestrator.reading.trajectory_file import read_trajectory
@@ -37,7 +37,7 @@ EVERYTHING = (
 
 
 def plan_of(sets: tuple[str, ...]) -> RunPlan:
-    options = Options(cases=("large",), modes=("wil",), sets=sets)
+    options = ExpansionOptions(cases=("large",), modes=("wil",), sets=sets)
     return load_campaign(GATE, options).runs[0]
 
 
@@ -55,7 +55,7 @@ def test_a_recorded_run_is_judged_as_it_was_flown(
     sets = (*FEW_PICTURES, *sets)
     result, folder = fly_run(sets=sets)
     assert result.verdict == verdict
-    write_whole(folder / "result.json", to_json(result))
+    write_atomically(folder / "result.json", to_json(result))
     rejudged = judge_run_again(plan_of(sets), folder)
     for oracle, other in zip(rejudged.now.oracles, result.oracles, strict=True):
         assert oracle == other
@@ -170,7 +170,7 @@ def test_a_run_whose_log_lacks_what_decided_it_is_refused(recorded: Path, tmp_pa
         (tmp_path / path.name).write_bytes(path.read_bytes())
     flown = read_result(tmp_path / "result.json")
     invalid = replace(flown, verdict="INVALID", reason="late frames", decided_by="mixing/camera")
-    write_whole(tmp_path / "result.json", to_json(invalid))
+    write_atomically(tmp_path / "result.json", to_json(invalid))
     with pytest.raises(RecordingError, match="lacks what decided the run: late frames"):
         judge_run_again(replace(plan_of(()), case="large", mode="sim"), tmp_path)
 
@@ -195,7 +195,7 @@ def test_an_event_of_another_part_stays_whatever_the_oracles_are_named(
     decided = replace(
         flown, verdict=kind, reason=said, decided_by="sync/twin", oracles=(*flown.oracles, one)
     )
-    write_whole(tmp_path / "result.json", to_json(decided))
+    write_atomically(tmp_path / "result.json", to_json(decided))
     event = {"t_s": 5.0, "event": "decisive", "kind": kind, "reason": said, "source": "sync/twin"}
     flag = {"t_s": 5.0, "event": "flag", "oracle": "sync", "vehicle": "twin", "text": said}
     log_also(tmp_path, *([flag, event] if with_flag else [event]))
@@ -209,7 +209,7 @@ def test_a_reason_quotes_the_note_of_the_moment_that_decided(fly_run: Fly) -> No
         return (f"oracles.near={{stl: 'always (north_m < {north_m})'}}",)
 
     flown, folder = fly_run(sets=near(1.0))
-    write_whole(folder / "result.json", to_json(flown))
+    write_atomically(folder / "result.json", to_json(flown))
     rows = [row for row in read_trajectory(folder / "trajectory.csv").rows if row.vehicle == "real"]
     for result in (flown, judge_run_again(plan_of(near(0.9)), folder).now):
         oracle = next(each for each in result.oracles if each.name == "near")

@@ -10,15 +10,15 @@ import pytest
 from tests.orchestrator.campaign.resuming.test_runs_to_fly import quick_fly, result_of
 from tests.orchestrator.hover import write_hover
 from wil_campaign.campaigns.expansion.expansion import load_campaign
-from wil_campaign.foundation.files.document_writer import to_json, write_whole
+from wil_campaign.foundation.files.document_writer import to_json, write_atomically
 from wil_campaign.orchestrator.campaign.campaign_runner import (
     CampaignOutcome,
     fly_campaign,
 )
-from wil_campaign.orchestrator.campaign.flight_options import Cleared, FlightOptions
+from wil_campaign.orchestrator.campaign.flight_options import ClearedCampaign, FlightOptions
 from wil_campaign.orchestrator.campaign.workers import run_engine
 from wil_campaign.orchestrator.cli.progress_display import SilentDisplay
-from wil_campaign.orchestrator.operator.run_messages import Inbox, Report
+from wil_campaign.orchestrator.operator.run_messages import OperatorInbox, Report
 from wil_campaign.orchestrator.run_results.attempts import after_attempts
 from wil_campaign.orchestrator.run_results.result_reader import read_summary
 from wil_campaign.orchestrator.run_results.run_result import RunResult
@@ -47,7 +47,7 @@ def wait_for(is_so: Callable[[], bool]) -> None:
 
 def end(order: RunOrder, verdict: Verdict) -> RunResult:
     flown = after_attempts(result_of(order.plan, verdict), order.attempts)
-    write_whole(order.folder / "result.json", to_json(flown))
+    write_atomically(order.folder / "result.json", to_json(flown))
     return flown
 
 
@@ -57,7 +57,7 @@ def counted(order: RunOrder, *repetitions: int) -> bool:
     return set(repetitions) <= {run.rep for run in summary.runs}
 
 
-def invalid_after_the_decision(order: RunOrder, report: Report, inbox: Inbox) -> RunResult:
+def invalid_after_the_decision(order: RunOrder, report: Report, inbox: OperatorInbox) -> RunResult:
     """The second repetition decides while the third flies, which then is INVALID."""
     order.folder.mkdir(parents=True)
     if order.plan.repetition == 2:
@@ -68,7 +68,7 @@ def invalid_after_the_decision(order: RunOrder, report: Report, inbox: Inbox) ->
     return end(order, "PASS")
 
 
-def invalid_before_the_decision(order: RunOrder, report: Report, inbox: Inbox) -> RunResult:
+def invalid_before_the_decision(order: RunOrder, report: Report, inbox: OperatorInbox) -> RunResult:
     """The third repetition is INVALID, and flies again when the second decides."""
     order.folder.mkdir(parents=True)
     if order.plan.repetition == 2:
@@ -81,7 +81,7 @@ def invalid_before_the_decision(order: RunOrder, report: Report, inbox: Inbox) -
     return end(order, "PASS")
 
 
-def invalid_before_others(order: RunOrder, report: Report, inbox: Inbox) -> RunResult:
+def invalid_before_others(order: RunOrder, report: Report, inbox: OperatorInbox) -> RunResult:
     """All others have passed when the second repetition is INVALID; flown again it fails."""
     order.folder.mkdir(parents=True)
     if order.plan.repetition == 2 and not order.attempts:
@@ -92,7 +92,7 @@ def invalid_before_others(order: RunOrder, report: Report, inbox: Inbox) -> RunR
 
 def fly(path: Path, *, jobs: int = 1) -> CampaignOutcome:
     options = FlightOptions(out=path.parent / "out")
-    cleared = Cleared("virtual", jobs)
+    cleared = ClearedCampaign("virtual", jobs)
     return fly_campaign(load_campaign(path), options, cleared, SilentDisplay())
 
 
@@ -148,7 +148,7 @@ def test_each_part_of_a_composition_has_the_retries_of_its_own_file(
     flown = {run.case: (run.verdict, len(run.attempts)) for run in outcome.summary.runs}
     assert flown == {"one.default": ("INVALID", 0), "other.default": ("PASS", 1)}
     options = FlightOptions(out=tmp_path / "out", resume=True)
-    cleared = Cleared("virtual", 1)
+    cleared = ClearedCampaign("virtual", 1)
     again = fly_campaign(load_campaign(whole), options, cleared, SilentDisplay())
     assert replace(again, exit_code=0) == replace(outcome, exit_code=0)
     assert again.exit_code == outcome.exit_code == 3

@@ -11,7 +11,7 @@ from mcap.reader import make_reader
 from tests.orchestrator.conftest import NoCommands
 from tests.orchestrator.hover import write_hover
 from tests.orchestrator.recording.test_run_video import record
-from wil_campaign.campaigns.expansion.expansion import Options, load_campaign
+from wil_campaign.campaigns.expansion.expansion import ExpansionOptions, load_campaign
 from wil_campaign.foundation.files.document_writer import to_json
 from wil_campaign.foundation.files.documents import BadInput
 from wil_campaign.orchestrator.campaign.folder.campaign_folder import OutputError
@@ -27,7 +27,7 @@ from wil_campaign.safety.model.oracle_results import Verdict
 def test_a_result_is_written_though_somebody_removed_the_folder(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    plan = load_campaign(write_hover(tmp_path), Options(repetitions=1)).runs[0]
+    plan = load_campaign(write_hover(tmp_path), ExpansionOptions(repetitions=1)).runs[0]
     result = lost_result(plan, WorkerLost("somebody removed the folder"), tmp_path)
     folder = tmp_path / "out" / plan.name
 
@@ -36,7 +36,7 @@ def test_a_result_is_written_though_somebody_removed_the_folder(
         shutil.rmtree(tmp_path / "out")
         return result
 
-    monkeypatch.setattr("wil_campaign.orchestrator.run.flight.run.fly", fly)
+    monkeypatch.setattr("wil_campaign.orchestrator.run.flight.run.fly_one_run", fly)
     order = RunOrder(plan=plan, folder=folder, clock="virtual")
     flown = run_order.fly_order(order, lambda _: None, NoCommands())
     assert replace(flown, code={}) == result
@@ -50,7 +50,7 @@ def test_an_autonomy_that_changes_the_folder_loses_nothing(
     campaign = write_hover(tmp_path)
     (tmp_path / "elsewhere").mkdir()
     monkeypatch.chdir(tmp_path)
-    plan = load_campaign(Path(campaign.name), Options(repetitions=1)).runs[0]
+    plan = load_campaign(Path(campaign.name), ExpansionOptions(repetitions=1)).runs[0]
     result = lost_result(plan, WorkerLost("as it is"), tmp_path)
     setups: list[RunSetup] = []
 
@@ -59,7 +59,7 @@ def test_an_autonomy_that_changes_the_folder_loses_nothing(
         os.chdir("elsewhere")
         return result
 
-    monkeypatch.setattr("wil_campaign.orchestrator.run.flight.run.fly", fly)
+    monkeypatch.setattr("wil_campaign.orchestrator.run.flight.run.fly_one_run", fly)
     folder = Path("out") / plan.name
     order = RunOrder(plan=plan, folder=folder, clock="virtual", campaign=Path("out"))
     flown = run_order.fly_order(order, lambda _: None, NoCommands())
@@ -70,7 +70,7 @@ def test_an_autonomy_that_changes_the_folder_loses_nothing(
 
 
 def test_a_run_completed_its_result_only_if_it_is_its_own(tmp_path: Path) -> None:
-    plan, other = load_campaign(write_hover(tmp_path), Options(repetitions=2)).runs
+    plan, other = load_campaign(write_hover(tmp_path), ExpansionOptions(repetitions=2)).runs
     order = RunOrder(plan=plan, folder=tmp_path / "out", clock="virtual")
     assert run_order.completed_run(order) is None
     order.folder.mkdir()
@@ -85,13 +85,13 @@ def test_a_run_completed_its_result_only_if_it_is_its_own(tmp_path: Path) -> Non
 def test_an_order_whose_folder_has_a_result_is_not_flown(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    plan = load_campaign(write_hover(tmp_path), Options(repetitions=1)).runs[0]
+    plan = load_campaign(write_hover(tmp_path), ExpansionOptions(repetitions=1)).runs[0]
     folder = tmp_path / "out" / plan.name
     folder.mkdir(parents=True)
     (folder / "result.json").write_text("given up")
     flown: list[object] = []
     monkeypatch.setattr(
-        "wil_campaign.orchestrator.run.flight.run.fly", lambda *given: flown.append(given)
+        "wil_campaign.orchestrator.run.flight.run.fly_one_run", lambda *given: flown.append(given)
     )
     order = RunOrder(plan=plan, folder=folder, clock="virtual")
     with pytest.raises(OutputError, match="the campaign gave this run up"):
@@ -104,14 +104,14 @@ def test_a_result_that_another_wrote_meanwhile_is_not_written_over(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """As after a program on a machine whose locks this one does not see took the run over."""
-    plan = load_campaign(write_hover(tmp_path), Options(repetitions=1)).runs[0]
+    plan = load_campaign(write_hover(tmp_path), ExpansionOptions(repetitions=1)).runs[0]
     order = RunOrder(plan=plan, folder=tmp_path / "out" / plan.name, clock="virtual")
 
     def fly(*_: object) -> RunResult:
         (order.folder / "result.json").write_text("given up")
         return lost_result(plan, WorkerLost("as it is"), tmp_path)
 
-    monkeypatch.setattr("wil_campaign.orchestrator.run.flight.run.fly", fly)
+    monkeypatch.setattr("wil_campaign.orchestrator.run.flight.run.fly_one_run", fly)
     with pytest.raises(OutputError, match="the campaign gave this run up"):
         run_order.fly_order(order, lambda _: None, NoCommands())
     assert (order.folder / "result.json").read_text() == "given up"
@@ -121,7 +121,7 @@ def fly_filmed(
     folder: Path, monkeypatch: pytest.MonkeyPatch, *, verdict: Verdict, repetition: int, video: str
 ) -> RunResult:
     """Fly an order whose flight leaves a recording of images and this verdict."""
-    options = Options(repetitions=2, sets=(f"record.video={video}",))
+    options = ExpansionOptions(repetitions=2, sets=(f"record.video={video}",))
     plan = load_campaign(write_hover(folder), options).runs[repetition - 1]
     order = RunOrder(plan=plan, folder=folder / "out", clock="virtual")
 
@@ -130,7 +130,7 @@ def fly_filmed(
         lost = lost_result(plan, WorkerLost("as it is"), folder)
         return replace(lost, verdict=verdict, artifacts=("run.mcap",))
 
-    monkeypatch.setattr("wil_campaign.orchestrator.run.flight.run.fly", fly)
+    monkeypatch.setattr("wil_campaign.orchestrator.run.flight.run.fly_one_run", fly)
     return run_order.fly_order(order, lambda _: None, NoCommands())
 
 
@@ -174,7 +174,7 @@ def test_a_video_that_cannot_be_made_costs_no_result(
 
 def fly_recorded_also(folder: Path, monkeypatch: pytest.MonkeyPatch) -> RunResult:
     """Fly an order whose recording is to be a bag, too."""
-    options = Options(repetitions=1, sets=("record={video: never, also: [ros2]}",))
+    options = ExpansionOptions(repetitions=1, sets=("record={video: never, also: [ros2]}",))
     plan = load_campaign(write_hover(folder), options).runs[0]
     order = RunOrder(plan=plan, folder=folder / "out", clock="virtual")
 
@@ -182,7 +182,7 @@ def fly_recorded_also(folder: Path, monkeypatch: pytest.MonkeyPatch) -> RunResul
         record(order.folder, perceived="/mixed/front")
         return replace(lost_result(plan, WorkerLost("as it is"), folder), artifacts=("run.mcap",))
 
-    monkeypatch.setattr("wil_campaign.orchestrator.run.flight.run.fly", fly)
+    monkeypatch.setattr("wil_campaign.orchestrator.run.flight.run.fly_one_run", fly)
     return run_order.fly_order(order, lambda _: None, NoCommands())
 
 
@@ -211,6 +211,6 @@ def test_a_form_of_other_tools_that_cannot_be_written_costs_no_result(
 
 
 def test_a_form_that_nobody_writes_is_refused(tmp_path: Path) -> None:
-    options = Options(sets=("record.also=[ros1]",))
+    options = ExpansionOptions(sets=("record.also=[ros1]",))
     with pytest.raises(BadInput, match="ros2"):
         load_campaign(write_hover(tmp_path), options)

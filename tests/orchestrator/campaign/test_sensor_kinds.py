@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from tests.orchestrator.wall import write_wall
-from wil_campaign.campaigns.expansion.expansion import Options, load_campaign
+from wil_campaign.campaigns.expansion.expansion import ExpansionOptions, load_campaign
 from wil_campaign.orchestrator.campaign.sensor_kinds import sensor_kinds
 from wil_campaign.orchestrator.run_results.campaign_results import SensorKind
 
@@ -19,7 +19,7 @@ def kinds(folder: Path, *vehicles: str) -> dict[str, SensorKind]:
     text = path.read_text()
     assert old in text
     path.write_text(text.replace(old, f"vehicles:\n{lines}"))
-    return sensor_kinds(load_campaign(path, Options()))
+    return sensor_kinds(load_campaign(path, ExpansionOptions()))
 
 
 TWIN = "twin: {link: embedded, autopilot: px4}"

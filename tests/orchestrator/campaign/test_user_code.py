@@ -17,7 +17,7 @@ from wil_campaign.foundation.files.user_modules import forget_user_modules
 from wil_campaign.orchestrator.campaign.workers import run_engine
 from wil_campaign.orchestrator.campaign.workers.run_order import fly_order
 from wil_campaign.orchestrator.cli import main
-from wil_campaign.orchestrator.operator.run_messages import Inbox, Report
+from wil_campaign.orchestrator.operator.run_messages import OperatorInbox, Report
 from wil_campaign.orchestrator.run_results.run_result import RunResult
 from wil_campaign.orchestrator.state.run_setup import RunOrder
 
@@ -70,7 +70,7 @@ def report_beside_finder(connection: Connection, under_test: UnderTest) -> None:
     REPORT(connection, under_test)
 
 
-def fly_beside_finder(order: RunOrder, report: Report, inbox: Inbox) -> RunResult:
+def fly_beside_finder(order: RunOrder, report: Report, inbox: OperatorInbox) -> RunResult:
     sys.meta_path.append(Finder(order.plan.files.campaign.path.parent))
     return fly_order(order, report, inbox)
 

@@ -10,20 +10,20 @@ from rich.console import Console
 
 from tests.orchestrator.campaign.resuming.test_runs_to_fly import result_of
 from tests.orchestrator.hover import write_hover
-from wil_campaign.campaigns.expansion.expansion import Options, load_campaign
-from wil_campaign.foundation.files.document_writer import to_json, write_whole
+from wil_campaign.campaigns.expansion.expansion import ExpansionOptions, load_campaign
+from wil_campaign.foundation.files.document_writer import to_json, write_atomically
 from wil_campaign.orchestrator.campaign import display_thread
 from wil_campaign.orchestrator.campaign.campaign_runner import (
     CampaignOutcome,
-    Watcher,
+    CampaignWatcher,
     fly_campaign,
 )
 from wil_campaign.orchestrator.campaign.display_thread import DisplayThread
-from wil_campaign.orchestrator.campaign.flight_options import Cleared, FlightOptions
+from wil_campaign.orchestrator.campaign.flight_options import ClearedCampaign, FlightOptions
 from wil_campaign.orchestrator.campaign.workers import run_engine
 from wil_campaign.orchestrator.campaign.workers.run_output import OUTPUT_FILE
 from wil_campaign.orchestrator.cli.progress_display import LineDisplay, SilentDisplay
-from wil_campaign.orchestrator.operator.run_messages import Inbox, Report
+from wil_campaign.orchestrator.operator.run_messages import OperatorInbox, Report
 from wil_campaign.orchestrator.run_results.run_result import RunResult
 from wil_campaign.orchestrator.state.run_setup import RunOrder
 
@@ -43,19 +43,21 @@ class Deaf(SilentDisplay):
         raise LookupError("no such style")
 
 
-def fail_with_output(order: RunOrder, report: Report, inbox: Inbox) -> RunResult:
+def fail_with_output(order: RunOrder, report: Report, inbox: OperatorInbox) -> RunResult:
     order.folder.mkdir(parents=True)
     (order.folder / OUTPUT_FILE).write_text(OUTPUT)
     flown = result_of(order.plan, "FAIL")
-    write_whole(order.folder / "result.json", to_json(flown))
+    write_atomically(order.folder / "result.json", to_json(flown))
     return flown
 
 
-def fly(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, watcher: Watcher) -> CampaignOutcome:
+def fly(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, watcher: CampaignWatcher
+) -> CampaignOutcome:
     monkeypatch.setattr(run_engine, "fly_order", fail_with_output)
-    campaign = load_campaign(write_hover(tmp_path), Options(repetitions=3))
+    campaign = load_campaign(write_hover(tmp_path), ExpansionOptions(repetitions=3))
     options = FlightOptions(out=tmp_path / "out")
-    cleared = Cleared("virtual", 1)
+    cleared = ClearedCampaign("virtual", 1)
     return fly_campaign(campaign, options, cleared, watcher)
 
 

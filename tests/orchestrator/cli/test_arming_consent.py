@@ -19,16 +19,16 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from tests.ports import free_port
-from wil_campaign.campaigns.expansion.expansion import Campaign, Options, load_campaign
+from wil_campaign.campaigns.expansion.expansion import Campaign, ExpansionOptions, load_campaign
 from wil_campaign.campaigns.setup.bench_file import load_benches
-from wil_campaign.orchestrator.campaign.flight_options import USUAL, Cleared, FlightOptions
+from wil_campaign.orchestrator.campaign.flight_options import USUAL, ClearedCampaign, FlightOptions
 from wil_campaign.orchestrator.cli import arming_consent, main
 from wil_campaign.orchestrator.cli.arming_consent import (
-    RefusedError,
-    clear,
+    FlightRefusedError,
+    clear_for_flight,
     require_may_arm,
 )
-from wil_campaign.vehicles.mavlink.codec import Codec
+from wil_campaign.vehicles.mavlink.codec import MavlinkCodec
 
 ROOT = Path(__file__).parents[3]
 LINK = "vehicles.real.link=udpin://127.0.0.1:%d"
@@ -38,7 +38,7 @@ MAVLINK = "vehicles.real.pose_source=mavlink"
 def campaign(*sets: str, mode: str = "wil") -> Campaign:
     return load_campaign(
         ROOT / "campaigns" / "gate.yaml",
-        Options(cases=("large",), modes=(mode,), repetitions=1, sets=(MAVLINK, *sets)),
+        ExpansionOptions(cases=("large",), modes=(mode,), repetitions=1, sets=(MAVLINK, *sets)),
     )
 
 
@@ -49,7 +49,7 @@ class Speaker:
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.settimeout(0.05)
         self._port = port
-        self.codec = Codec(system_id=system, component_id=1)
+        self.codec = MavlinkCodec(system_id=system, component_id=1)
         self.vehicle_type, self.autopilot = mavlink.MAV_TYPE_QUADROTOR, mavlink.MAV_AUTOPILOT_PX4
         self.version = 0x01120080
         self.garbage = False
@@ -95,16 +95,16 @@ class Speaker:
             return
 
 
-def refused(*sets: str, **options: Any) -> RefusedError:
-    with pytest.raises(RefusedError) as caught:
-        clear(campaign(*sets), FlightOptions(**{"arm_real": True, **options}))
+def refused(*sets: str, **options: Any) -> FlightRefusedError:
+    with pytest.raises(FlightRefusedError) as caught:
+        clear_for_flight(campaign(*sets), FlightOptions(**{"arm_real": True, **options}))
     return caught.value
 
 
 def test_embedded_vehicles_need_no_consent() -> None:
-    cleared = clear(campaign(), FlightOptions(jobs=3))
-    assert cleared == Cleared("virtual", 3, "embedded")
-    assert clear(campaign(), FlightOptions(clock="wall")).clock == "wall"
+    cleared = clear_for_flight(campaign(), FlightOptions(jobs=3))
+    assert cleared == ClearedCampaign("virtual", 3, "embedded")
+    assert clear_for_flight(campaign(), FlightOptions(clock="wall")).clock == "wall"
     assert refused(jobs=0).code == 2
 
 
@@ -123,7 +123,7 @@ def test_missing_consent_is_refused_before_any_contact(options: dict[str, Any], 
 
 
 def test_a_vehicle_that_does_not_fly_is_not_asked_for() -> None:
-    cleared = clear(campaign(LINK % 14540, mode="sim"), FlightOptions())
+    cleared = clear_for_flight(campaign(LINK % 14540, mode="sim"), FlightOptions())
     assert cleared.clock == "virtual"
 
 
@@ -131,8 +131,8 @@ def test_a_silent_port_is_reported_within_seconds() -> None:
     port = free_port()
     flown = campaign(LINK % port)
     began_s = time.monotonic()
-    with pytest.raises(RefusedError) as caught:
-        clear(flown, FlightOptions(arm_real=True))
+    with pytest.raises(FlightRefusedError) as caught:
+        clear_for_flight(flown, FlightOptions(arm_real=True))
     error = caught.value
     assert error.code == 3
     assert f"udpin://127.0.0.1:{port}: no px4 multicopter with system id 1 within 5 s" in str(error)
@@ -197,7 +197,7 @@ def test_a_campaign_has_one_kind_of_real_vehicle() -> None:
     board = f"board: {{vehicles.real.link: 'udpin://127.0.0.1:{port}'}}"
     mixed = load_campaign(
         ROOT / "campaigns" / "gate.yaml",
-        Options(
+        ExpansionOptions(
             modes=("sim", "wil"),
             repetitions=1,
             sets=(
@@ -208,8 +208,8 @@ def test_a_campaign_has_one_kind_of_real_vehicle() -> None:
             ),
         ),
     )
-    with Speaker(port).speaking(), pytest.raises(RefusedError) as caught:
-        clear(mixed, FlightOptions(arm_real=True))
+    with Speaker(port).speaking(), pytest.raises(FlightRefusedError) as caught:
+        clear_for_flight(mixed, FlightOptions(arm_real=True))
     assert caught.value.code == 2
     assert "real is hardware in board and embedded in model" in str(caught.value)
     assert "by --case" in str(caught.value)
@@ -222,7 +222,9 @@ def test_only_the_users_of_a_bench_arm_there(tmp_path: Path) -> None:
     (bench,) = load_benches((file,))
     require_may_arm((bench,), "anna")
     require_may_arm(load_benches((ROOT / "campaigns" / "benches" / "hall-a.yaml",)), "ben")
-    with pytest.raises(RefusedError, match="hall-a: ben may not arm there, only anna") as refused:
+    with pytest.raises(
+        FlightRefusedError, match="hall-a: ben may not arm there, only anna"
+    ) as refused:
         require_may_arm((bench,), "ben")
     assert refused.value.code == 2
 
@@ -243,8 +245,8 @@ def test_a_person_at_a_terminal_is_asked(
     speaker = Speaker(port)
     with speaker.speaking():
         if armed:
-            cleared = clear(campaign(LINK % port), FlightOptions(arm_real=True))
-            assert cleared == Cleared("wall", 1, "hardware", "real")
+            cleared = clear_for_flight(campaign(LINK % port), FlightOptions(arm_real=True))
+            assert cleared == ClearedCampaign("wall", 1, "hardware", "real")
         else:
             assert "not confirmed" in str(refused(LINK % port))
     said = screen.getvalue()
@@ -262,7 +264,9 @@ def actor_campaign(real: int, actor: int) -> Campaign:
         *(LINK % real, MAVLINK, f"actors={{intruder: {intruder}}}"),
         "preflight.override={separation: A. Pilot}",
     )
-    return load_campaign(ROOT / "campaigns" / "avoid.yaml", Options(repetitions=1, sets=sets))
+    return load_campaign(
+        ROOT / "campaigns" / "avoid.yaml", ExpansionOptions(repetitions=1, sets=sets)
+    )
 
 
 @contextmanager
@@ -274,8 +278,8 @@ def two_boards() -> Iterator[Campaign]:
         yield actor_campaign(real, actor)
 
 
-def clear_both(flown: Campaign) -> Cleared:
-    return clear(flown, FlightOptions(arm_real=True, arm_actors=True))
+def clear_both(flown: Campaign) -> ClearedCampaign:
+    return clear_for_flight(flown, FlightOptions(arm_real=True, arm_actors=True))
 
 
 @pytest.mark.parametrize(
@@ -287,13 +291,13 @@ def clear_both(flown: Campaign) -> Cleared:
 )
 def test_pair_and_actors_are_armed_by_words_of_their_own(given: dict[str, bool], said: str) -> None:
     options = replace(USUAL, **given)  # type: ignore[arg-type]  # by name
-    with pytest.raises(RefusedError, match=said) as caught:
-        clear(actor_campaign(14550, 14560), options)
+    with pytest.raises(FlightRefusedError, match=said) as caught:
+        clear_for_flight(actor_campaign(14550, 14560), options)
     assert caught.value.code == 2
 
 
 def test_boards_that_could_touch_fly_with_a_person_at_a_terminal_alone() -> None:
-    with two_boards() as flown, pytest.raises(RefusedError) as caught:
+    with two_boards() as flown, pytest.raises(FlightRefusedError) as caught:
         clear_both(flown)
     assert caught.value.code == 2
     assert "intruder flies beside real, and their fences let them touch" in str(caught.value)
@@ -313,7 +317,7 @@ def test_the_person_types_the_name_of_the_actor_at_the_real_vehicle(
         if armed:
             assert clear_both(flown).hardware == "real and intruder"
         else:
-            with pytest.raises(RefusedError, match="not confirmed; nothing was armed"):
+            with pytest.raises(FlightRefusedError, match="not confirmed; nothing was armed"):
                 clear_both(flown)
     assert "Type intruder to consent: " in screen.getvalue()
 
@@ -387,15 +391,15 @@ def test_only_a_campaign_of_attached_vehicles_is_cleared_without_jsbsim(
 ) -> None:
     """As on Linux on ARM, where there is no package of it."""
     monkeypatch.setattr(arming_consent, "find_spec", lambda name: None)
-    with pytest.raises(RefusedError, match=r"real and twin: .* attach or launch") as caught:
-        clear(campaign(), USUAL)
+    with pytest.raises(FlightRefusedError, match=r"real and twin: .* attach or launch") as caught:
+        clear_for_flight(campaign(), USUAL)
     assert caught.value.code == 2
-    with pytest.raises(RefusedError, match=r"^twin: "):
-        clear(campaign("vehicles.real.physics=compiled"), USUAL)
+    with pytest.raises(FlightRefusedError, match=r"^twin: "):
+        clear_for_flight(campaign("vehicles.real.physics=compiled"), USUAL)
     both = ("vehicles.real.physics=compiled", "vehicles.twin.physics=compiled")
-    clear(campaign(*both), USUAL)
-    with pytest.raises(RefusedError, match="armed only with --arm-real"):
-        clear(
+    clear_for_flight(campaign(*both), USUAL)
+    with pytest.raises(FlightRefusedError, match="armed only with --arm-real"):
+        clear_for_flight(
             campaign(
                 LINK % 14540,
                 "modes=[real]",

@@ -13,7 +13,7 @@ from tests.orchestrator.hover import write_hover
 from wil_campaign.orchestrator.campaign.workers import run_server
 from wil_campaign.orchestrator.cli import main
 from wil_campaign.safety.guard.process.runtime_folder import RuntimeFolderError
-from wil_campaign.vehicles.launch import beside
+from wil_campaign.vehicles.launch import path_beside_campaign
 
 BOX = "geofence: {box: {north_m: [-3, 3], east_m: [-3, 3], up_m: HERE}}"
 AREA = "geofence: {include: [{HERE}], up_m: [-1, 3]}"
@@ -150,4 +150,4 @@ def test_a_home_that_is_not_there_is_a_name_like_any_other(
 
     monkeypatch.delenv("HOME", raising=False)
     monkeypatch.setattr(pwd, "getpwuid", unknown)
-    assert beside(Path("/campaign"), home) == Path("/campaign") / home
+    assert path_beside_campaign(Path("/campaign"), home) == Path("/campaign") / home

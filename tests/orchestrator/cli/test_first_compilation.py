@@ -6,13 +6,13 @@ from typing import Any
 import pytest
 
 from tests.orchestrator.hover import write_hover
-from wil_campaign.campaigns.expansion.expansion import Campaign, Options, load_campaign
+from wil_campaign.campaigns.expansion.expansion import Campaign, ExpansionOptions, load_campaign
 from wil_campaign.orchestrator.cli import flight_needs, main
 from wil_campaign.orchestrator.cli.flight_needs import NOTICE, compilation_notice
 from wil_campaign.orchestrator.run.perception.warm_up import warm_up
 from wil_campaign.orchestrator.state.run_setup import RunOrder, RunSetup
-from wil_campaign.vehicles.embedded.physics.motion_kernel import estimate
-from wil_campaign.worlds.jit import is_cached
+from wil_campaign.vehicles.embedded.physics.motion_kernel import estimate_motion
+from wil_campaign.worlds.jit import is_kernel_cached
 from wil_campaign.worlds.render.shading import write_ids
 
 _ROOT = Path(__file__).parents[3]
@@ -20,21 +20,21 @@ _ROOT = Path(__file__).parents[3]
 
 @pytest.fixture
 def gate() -> Campaign:
-    return load_campaign(_ROOT / "campaigns" / "gate.yaml", Options(modes=("wil",)))
+    return load_campaign(_ROOT / "campaigns" / "gate.yaml", ExpansionOptions(modes=("wil",)))
 
 
 @pytest.mark.parametrize("missing", ["estimate", "write_ids"])
 def test_each_kernel_that_a_flight_lacks_is_announced(
     gate: Campaign, monkeypatch: pytest.MonkeyPatch, missing: str
 ) -> None:
-    monkeypatch.setattr(flight_needs, "is_cached", lambda one: one.__name__ != missing)
+    monkeypatch.setattr(flight_needs, "is_kernel_cached", lambda one: one.__name__ != missing)
     assert compilation_notice(gate) == NOTICE
 
 
 def test_nothing_is_printed_about_kernels_that_are_cached(
     gate: Campaign, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(flight_needs, "is_cached", lambda _: True)
+    monkeypatch.setattr(flight_needs, "is_kernel_cached", lambda _: True)
     assert compilation_notice(gate) is None
 
 
@@ -48,18 +48,18 @@ def test_nothing_is_printed_about_kernels_after_the_first_flight(
         asked.append(kernel)
         return True
 
-    monkeypatch.setattr(flight_needs, "is_cached", asked_of)
+    monkeypatch.setattr(flight_needs, "is_kernel_cached", asked_of)
     compilation_notice(gate)
     warm_up(RunSetup.of(RunOrder(plan=plan, folder=tmp_path, clock="virtual")))
-    assert asked == [estimate, write_ids]
-    assert all(map(is_cached, asked))
+    assert asked == [estimate_motion, write_ids]
+    assert all(map(is_kernel_cached, asked))
 
 
 def test_nothing_is_printed_about_kernels_that_no_flight_calls(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     hover = load_campaign(write_hover(tmp_path))
-    monkeypatch.setattr(flight_needs, "is_cached", lambda one: one.__name__ != "write_ids")
+    monkeypatch.setattr(flight_needs, "is_kernel_cached", lambda one: one.__name__ != "write_ids")
     assert compilation_notice(hover) is None
 
 
@@ -67,7 +67,7 @@ def test_nothing_is_printed_about_kernels_that_no_flight_calls(
 def test_run_prints_it_before_the_first_flight(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(flight_needs, "is_cached", lambda _: False)
+    monkeypatch.setattr(flight_needs, "is_kernel_cached", lambda _: False)
     out = str(tmp_path / "out")
     assert main(["run", str(write_hover(tmp_path)), "--jobs", "1", "--out", out]) == 0
     lines = capsys.readouterr().out.splitlines()

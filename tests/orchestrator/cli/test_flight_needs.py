@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from tests.test_house import ROOT
-from wil_campaign.campaigns.expansion.expansion import Options, load_campaign
+from wil_campaign.campaigns.expansion.expansion import ExpansionOptions, load_campaign
 from wil_campaign.campaigns.schema import Mode
 from wil_campaign.foundation.clocks.virtual_loop import Clock
 from wil_campaign.orchestrator.cli.flight_needs import (
@@ -77,7 +77,9 @@ def test_the_guess_counts_the_images_that_are_recorded(
 ) -> None:
     given = (*sets, "recipe.sensors.camera.type=depth") if sets else ()
     given += ("recipe.combine.0.filter=[]", "recipe.combine.0.merge={aggregate: {by: min}}")
-    gate = load_campaign(ROOT / "campaigns/gate.yaml", Options(sets=(*given, "controls={}")))
+    gate = load_campaign(
+        ROOT / "campaigns/gate.yaml", ExpansionOptions(sets=(*given, "controls={}"))
+    )
     images_mb = [images_mb_of(gate.setups["large"], mode)]
     found = flight_needs(tmp_path, "virtual", images_mb=images_mb)
     assert found.disk_mb == pytest.approx(flown_mb, rel=0.25)

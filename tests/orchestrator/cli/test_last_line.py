@@ -9,12 +9,12 @@ from tests.orchestrator.run_results.test_results import result, summary
 from wil_campaign.orchestrator.cli.progress_display import finished_line
 from wil_campaign.orchestrator.cli.verdict_table import (
     LAST_LINE,
-    conclusions,
+    conclusion_lines,
     explained_words,
     next_steps,
 )
 from wil_campaign.orchestrator.run_results.control_results import ControlResult
-from wil_campaign.orchestrator.run_results.run_result import Also, RunResult
+from wil_campaign.orchestrator.run_results.run_result import LaterEvent, RunResult
 from wil_campaign.safety.model.oracle_results import OracleResult
 
 
@@ -25,7 +25,7 @@ def test_text_too_long_for_the_last_line_stands_above_it() -> None:
         left_out=left_out,
         not_flown=("small/wil/1",),
     )
-    lines = [line.plain for line in conclusions(found)]
+    lines = [line.plain for line in conclusion_lines(found)]
     assert len(lines[-1]) <= LAST_LINE
     assert lines[-1].startswith(
         "accepted of what was flown; never flown: 1 of 4; required but left out"
@@ -35,7 +35,7 @@ def test_text_too_long_for_the_last_line_stands_above_it() -> None:
 
 def test_a_campaign_that_is_not_accepted_is_so_whatever_was_flown() -> None:
     found = replace(summary([result("FAIL")]), left_out=("large/wil",))
-    last = conclusions(found)[-1].plain
+    last = conclusion_lines(found)[-1].plain
     assert last.startswith("not accepted; required but left out: large/wil")
 
 
@@ -44,29 +44,29 @@ def test_the_last_line_counts_very_many_parts() -> None:
         summary([result("INVALID")]),
         unmet=tuple(f"the control number {k} ended as something else: why" for k in range(9)),
     )
-    last = conclusions(found)[-1].plain
+    last = conclusion_lines(found)[-1].plain
     assert len(last) <= LAST_LINE
     assert "more above" in last
 
 
 def test_a_short_last_line_has_all() -> None:
     found = replace(summary([result() for _ in range(3)]), left_out=("large/wil",))
-    last = conclusions(found)[-1].plain
+    last = conclusion_lines(found)[-1].plain
     assert last.startswith("accepted of what was flown; required but left out: large/wil (the ")
     assert "above" not in last
 
 
 def test_a_reason_printed_while_flying_is_not_repeated() -> None:
-    late = Also("INVALID", "mixing of camera: the mixture never showed gate", 9.0)
+    late = LaterEvent("INVALID", "mixing of camera: the mixture never showed gate", 9.0)
     failed = replace(result("FAIL"), reason="never flew through gate", also=(late,))
     line = finished_line(failed).plain
     doubt = "; the fault may not be the autonomy's: INVALID too, for mixing of camera: "
     assert f"never flew through gate{doubt}the mixture never showed gate" in line
     found = summary([failed])
     name = f"{failed.case}/{failed.mode}/{failed.rep}"
-    again = [line.plain for line in conclusions(found)]
+    again = [line.plain for line in conclusion_lines(found)]
     assert [doubt in line for line in again].count(True) == 1
-    once = [line.plain for line in conclusions(found, announced={name})]
+    once = [line.plain for line in conclusion_lines(found, announced={name})]
     assert once == [line for line in again if "never flew" not in line]
 
 
@@ -79,7 +79,7 @@ def test_a_control_printed_while_flying_has_no_reason_beneath_the_table() -> Non
     said = f"control {control.case} {control.mode} must FAIL by reached, but was INVALID"
     found = replace(summary([result()]), controls=(control,), unmet=(f"{said} ({control.reason})",))
     name = f"{control.case}/{control.mode}/{control.rep}"
-    lines = [line.plain for line in conclusions(found, announced={name})]
+    lines = [line.plain for line in conclusion_lines(found, announced={name})]
     assert not any(control.reason in line for line in lines)
     assert f"not accepted; {said} (the" in lines[-1]
 

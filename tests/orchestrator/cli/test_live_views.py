@@ -29,10 +29,10 @@ def shown(monkeypatch: pytest.MonkeyPatch) -> list[str]:
                 raise RuntimeError("the window is gone")
 
     known = {name: SimpleNamespace(beside=name) for name in ("window", "ticker")}
-    monkeypatch.setattr(live_views, "added", lambda _: known)
-    monkeypatch.setattr(live_views, "absent", lambda _: {})
-    monkeypatch.setattr(live_views, "load", lambda _: view)
-    monkeypatch.setattr(live_views, "given", lambda views: views)
+    monkeypatch.setattr(live_views, "plugin_additions", lambda _: known)
+    monkeypatch.setattr(live_views, "absent_additions", lambda _: {})
+    monkeypatch.setattr(live_views, "load_plugin_object", lambda _: view)
+    monkeypatch.setattr(live_views, "given_options", lambda views: views)
     return lines
 
 
@@ -40,7 +40,7 @@ def test_a_view_that_raises_before_the_flight_is_named_with_its_plugin(
     shown: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     sonar = SimpleNamespace(name="sonar", origin="wil-sonar 1.2", adds={"live_views": ("ticker",)})
-    monkeypatch.setattr(live_views, "installed", lambda: (sonar,))
+    monkeypatch.setattr(live_views, "installed_plugins_by_name", lambda: (sonar,))
     views: Any = {"window": "good", "ticker": "dark"}
     with pytest.raises(LiveViewError) as raised, views_beside(views, shown.append):
         shown.append("the flight")

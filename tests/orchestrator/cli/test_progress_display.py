@@ -19,8 +19,8 @@ from tests.orchestrator.operator.controllers import FakeFleet, make_controller
 from wil_campaign.orchestrator.cli.progress_display import (
     LineDisplay,
     TerminalDisplay,
-    display_of,
     plain_console,
+    progress_display_of,
 )
 from wil_campaign.safety.guard.core.operator_command import OperatorCommand
 
@@ -110,7 +110,7 @@ def test_an_output_that_takes_nothing_keeps_no_abort(
     """The campaign's loop shows what it does: Ctrl-S, or a frozen ssh, must not stop it."""
     monkeypatch.setattr(sys, "stdout", output.writer)
     fleet = FakeFleet()
-    with display_of(json=False, total=2) as display:
+    with progress_display_of(json=False, total=2) as display:
         controller = make_controller(tmp_path, fleet, say=display.say)
         output.stop()
 

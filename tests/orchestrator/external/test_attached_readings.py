@@ -17,7 +17,7 @@ from wil_campaign.vehicles.links.link_factory import open_link
 from wil_campaign.vehicles.links.link_strings import parse_link
 from wil_campaign.vehicles.mavlink.names import message_number
 from wil_campaign.vehicles.readings import GpsReading, reading_types
-from wil_campaign.vehicles.readings.checks import rest_fault
+from wil_campaign.vehicles.readings.checks import reading_rest_fault
 from wil_campaign.vehicles.sources.readings.live_readings import LiveReadings
 from wil_campaign.vehicles.sources.readings.mavlink_messages import (
     MavlinkSensor,
@@ -77,7 +77,7 @@ async def test_requested_readings_come_over_the_socket_of_the_vehicle(
     newest, frame = found[-1], LocalFrame(47.4, 8.5, 488.0)
     if isinstance(newest, GpsReading):
         frame = LocalFrame(newest.latitude_deg, newest.longitude_deg, newest.altitude_m)
-    assert rest_fault(newest, pose=AT_ORIGIN, frame=frame) is None
+    assert reading_rest_fault(newest, pose=AT_ORIGIN, frame=frame) is None
 
 
 async def test_an_attached_vehicle_s_own_sensors_and_a_program_s_are_flown_by(

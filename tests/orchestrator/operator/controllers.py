@@ -6,7 +6,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from wil_campaign.orchestrator.operator.campaign_controller import CampaignController
-from wil_campaign.orchestrator.operator.campaign_records import Place
+from wil_campaign.orchestrator.operator.campaign_records import OperatorPlace
 from wil_campaign.safety.guard.core.operator_command import OperatorCommand
 
 
@@ -47,9 +47,9 @@ def make_controller(
 
 
 @contextmanager
-def silent_place(name: str, folder: Path, path: Path) -> Iterator[Place]:
+def silent_place(name: str, folder: Path, path: Path) -> Iterator[OperatorPlace]:
     """Have an operator socket at a path that accepts commands and never replies to them."""
     with socket.socket(socket.AF_UNIX) as end:
         end.bind(str(path))
         end.listen()
-        yield Place(name, folder, path)
+        yield OperatorPlace(name, folder, path)

@@ -6,7 +6,11 @@ import pytest
 
 from tests.orchestrator.operator.controllers import FakeFleet, make_controller
 from wil_campaign.orchestrator.operator.campaign_controller import CampaignController
-from wil_campaign.orchestrator.operator.run_messages import FlightPlace, Happening, Progress
+from wil_campaign.orchestrator.operator.run_messages import (
+    FlightPlace,
+    RunEventReport,
+    RunProgressReport,
+)
 from wil_campaign.orchestrator.run_results.run_result import RunResult, SyncResult
 from wil_campaign.safety.guard.core.operator_command import OperatorCommand
 from wil_campaign.safety.guard.operator.operator_lines import RefusedLineError, parse_line
@@ -24,13 +28,17 @@ def controller(tmp_path: Path, fleet: FakeFleet) -> CampaignController:
     controller = make_controller(tmp_path, fleet)
     for number, place in ((1, FIRST), (2, HALL)):
         controller.begun(f"large/wil/{number}", place)
-        controller.news(Progress("large", "wil", number, "goal", 12.0, verdict_so_far="PASS"))
+        controller.news(
+            RunProgressReport("large", "wil", number, "goal", 12.0, verdict_so_far="PASS")
+        )
     return controller
 
 
 def acknowledge(controller: CampaignController, run: str, command: OperatorCommand) -> None:
     controller.news(
-        Happening(run, 13.0, "acknowledged", command.kind, "", "", command.command_id, command.who)
+        RunEventReport(
+            run, 13.0, "acknowledged", command.kind, "", "", command.command_id, command.who
+        )
     )
 
 

@@ -11,10 +11,10 @@ import pytest
 
 from tests.orchestrator.operator.controllers import FakeFleet, make_controller
 from wil_campaign.orchestrator.operator.campaign_controller import CampaignController
-from wil_campaign.orchestrator.operator.campaign_records import Place, places
+from wil_campaign.orchestrator.operator.campaign_records import OperatorPlace, operator_places
 from wil_campaign.orchestrator.operator.errors import OperatingError
 from wil_campaign.orchestrator.operator.operator_channels import open_operator_channels
-from wil_campaign.orchestrator.operator.run_messages import Progress
+from wil_campaign.orchestrator.operator.run_messages import RunProgressReport
 from wil_campaign.orchestrator.run_results.run_result import RunResult, SyncResult
 from wil_campaign.safety.guard.core.operator_command import OperatorCommand
 from wil_campaign.safety.guard.operator.operator_lines import RefusedLineError
@@ -95,7 +95,7 @@ def test_a_signal_aborts_and_counts_as_a_signal(tmp_path: Path) -> None:
 def test_a_run_that_a_pilot_ended_ends_the_campaign(tmp_path: Path) -> None:
     fleet = FakeFleet()
     controller = make_controller(tmp_path, fleet)
-    controller.news(Progress("large", "wil", 1, "goal", 12.0, verdict_so_far="PASS"))
+    controller.news(RunProgressReport("large", "wil", 1, "goal", 12.0, verdict_so_far="PASS"))
     assert list(controller.status()["flying"]) == ["large/wil/1"]
     controller.finished(RESULT)
     assert controller.stopped is None
@@ -125,13 +125,13 @@ def runtime(short_folder: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 async def test_a_campaign_says_on_its_machine_that_it_flies(tmp_path: Path, runtime: Path) -> None:
     controller = make_controller(tmp_path, FakeFleet())
     async with open_operator_channels(controller):
-        (place,) = places().campaigns
+        (place,) = operator_places().campaigns
         assert (place.name, place.folder) == ("gate", tmp_path)
         assert place.socket.stat().st_mode & 0o777 == 0o600
-        assert places().beneath(tmp_path.parent).campaigns == (place,)
-        assert places().beneath(tmp_path / "large").campaigns == (place,)
-        assert places().beneath(tmp_path.parent / "other").campaigns == ()
-    assert places().campaigns == ()
+        assert operator_places().beneath(tmp_path.parent).campaigns == (place,)
+        assert operator_places().beneath(tmp_path / "large").campaigns == (place,)
+        assert operator_places().beneath(tmp_path.parent / "other").campaigns == ()
+    assert operator_places().campaigns == ()
     assert left(runtime) == []
 
 
@@ -141,7 +141,7 @@ async def test_records_of_a_killed_campaign_are_removed(tmp_path: Path, runtime:
         said = json.loads(record.read_text())
         said["process"]["started"] -= 1
         record.write_text(json.dumps(said))
-        assert places().campaigns == ()
+        assert operator_places().campaigns == ()
         assert left(runtime) == []
 
 
@@ -193,8 +193,11 @@ def test_an_abort_goes_straight_to_the_guards(
     tmp_path: Path, short_folder: Path, listener: Listener
 ) -> None:
     controller = make_controller(tmp_path, FakeFleet())
-    gone = Place("gone", tmp_path, short_folder / "gone.sock")
-    controller.guards = lambda: (gone, Place("large/wil/1", tmp_path, short_folder / "guard.sock"))
+    gone = OperatorPlace("gone", tmp_path, short_folder / "gone.sock")
+    controller.guards = lambda: (
+        gone,
+        OperatorPlace("large/wil/1", tmp_path, short_folder / "guard.sock"),
+    )
     controller.obey(ABORT)
     listener.join(5.0)
     assert json.loads(listener.heard) == {"command": "abort", "who": "anna"}
@@ -207,7 +210,7 @@ def test_an_abort_reaches_the_runs_before_anyone_looks_for_guards(tmp_path: Path
     aborted_before: list[bool] = []
     answers, looked = threading.Event(), threading.Event()
 
-    def guards() -> tuple[Place, ...]:
+    def guards() -> tuple[OperatorPlace, ...]:
         aborted_before.append(bool(fleet.aborted))
         answers.wait(60.0)
         looked.set()
@@ -228,7 +231,7 @@ def test_an_abort_reaches_the_runs_before_anyone_looks_for_guards(tmp_path: Path
 def with_guard(folder: Path, fleet: FakeFleet, short_folder: Path) -> CampaignController:
     """Return a controller of a run whose guard has the socket of `listener`."""
     controller = make_controller(folder, fleet)
-    controller.guards = lambda: (Place("large/wil/1", folder, short_folder / "guard.sock"),)
+    controller.guards = lambda: (OperatorPlace("large/wil/1", folder, short_folder / "guard.sock"),)
     return controller
 
 

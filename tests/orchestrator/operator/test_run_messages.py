@@ -4,10 +4,16 @@ from time import monotonic
 
 import pytest
 
-from wil_campaign.orchestrator.operator.run_messages import Happening, Progress, ProgressLimiter
+from wil_campaign.orchestrator.operator.run_messages import (
+    ProgressLimiter,
+    RunEventReport,
+    RunProgressReport,
+)
 
-PROGRESS = Progress(case="default", mode="sim", repetition=1, stage="goal", t_s=1.0)
-HAPPENING = Happening(run="default/sim/1", t_s=1.0, kind="stage", word="goal", vehicle="", text="")
+PROGRESS = RunProgressReport(case="default", mode="sim", repetition=1, stage="goal", t_s=1.0)
+HAPPENING = RunEventReport(
+    run="default/sim/1", t_s=1.0, kind="stage", word="goal", vehicle="", text=""
+)
 
 
 def test_progress_faster_than_the_limit_is_dropped_and_happenings_are_not(

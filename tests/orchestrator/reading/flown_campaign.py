@@ -6,14 +6,14 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
-from wil_campaign.campaigns.values.acceptance import Requirement
+from wil_campaign.campaigns.values.acceptance import PassRequirement
 from wil_campaign.foundation.files.document_writer import to_json
 from wil_campaign.orchestrator.recording.judge_log_file import JudgeLogWriter
 from wil_campaign.orchestrator.recording.trajectory import TrajectoryRow, TrajectoryWriter
 from wil_campaign.orchestrator.run_results.campaign_results import Summary, summarize
 from wil_campaign.orchestrator.run_results.result_parts import FlownFirmware
 from wil_campaign.orchestrator.run_results.run_result import RunResult, Stop, SyncResult
-from wil_campaign.plugins.search.ledger import Ledger
+from wil_campaign.plugins.search.ledger import SearchLedger
 from wil_campaign.safety.model.oracle_results import OracleResult, Verdict
 from wil_campaign.safety.model.samples import PoseSample, StageSample
 from wil_campaign.vehicles.setpoints import VelocitySetpoint
@@ -97,7 +97,7 @@ def summary_of(
     *,
     stopped: Stop | None = None,
     broken: bool | None = False,
-    requirements: Sequence[Requirement] = (),
+    requirements: Sequence[PassRequirement] = (),
 ) -> Summary:
     return summarize(
         [one.result() for one in given],
@@ -125,7 +125,7 @@ def write_flown(
     documents: Callable[[Flight], str] = lambda _: "sha256:0",
     stopped: Stop | None = None,
     broken: bool | None = False,
-    requirements: Sequence[Requirement] | None = None,
+    requirements: Sequence[PassRequirement] | None = None,
     planned: int = 0,
     host: str = "here",
 ) -> Path:
@@ -172,7 +172,7 @@ def write_searched(home: Path, *, started_utc: str) -> Path:
     batch = folder / "flights" / "0001"
     write_flown(batch, flights("v1", "sim", "PF"), started_utc=started_utc, with_motion=False)
     (folder / "campaign.json").write_bytes((batch / "campaign.json").read_bytes())
-    Ledger.new(folder, at_once=1)
+    SearchLedger.new(folder, at_once=1)
     return folder
 
 

@@ -8,14 +8,14 @@ from pathlib import Path
 import pytest
 
 from tests.orchestrator.report.recorded_campaign import write_campaign
-from wil_campaign.foundation.files.limited_json import loads_limited, read_json
+from wil_campaign.foundation.files.limited_json import loads_limited_json, read_limited_json
 from wil_campaign.foundation.files.limits import MAX_MESSAGE_VALUES, MAX_RESULTS_BYTES
 from wil_campaign.orchestrator.campaign.folder.manifest import file_digest
 from wil_campaign.orchestrator.reading import trajectory_file
 from wil_campaign.orchestrator.reading.results_folder import (
     UnreadableError,
-    read_campaign,
-    read_data,
+    read_campaign_documents,
+    read_limited_data,
 )
 from wil_campaign.orchestrator.reading.trajectory_file import read_trajectory
 from wil_campaign.orchestrator.report.reading.event_log import MOST_EVENTS, read_event_log
@@ -45,23 +45,23 @@ def test_a_result_of_many_values_or_bytes_is_refused(
 def test_documents_of_a_folder_are_refused_by_name(tmp_path: Path) -> None:
     folder = write_campaign(tmp_path / "campaign")
     (folder / "summary.json").write_bytes(MANY)
-    problems = read_campaign(folder).problems
+    problems = read_campaign_documents(folder).problems
     assert any(
         "summary.json" in problem and "at most 5000000 are read" in problem for problem in problems
     )
     with (folder / "summary.json").open("ab") as stream:
         stream.truncate(MAX_RESULTS_BYTES + 1)
     with pytest.raises(UnreadableError, match="larger than"):
-        read_data(folder / "summary.json")
+        read_limited_data(folder / "summary.json")
 
 
 def test_json_that_is_nested_too_deep_is_a_value_error(tmp_path: Path) -> None:
     deep = b"[" * 100_000
     with pytest.raises(ValueError, match="it is nested too deep"):
-        loads_limited(deep)
+        loads_limited_json(deep)
     (tmp_path / "a.json").write_bytes(deep)
     with pytest.raises(ValueError, match="it is nested too deep"):
-        read_json(tmp_path / "a.json")
+        read_limited_json(tmp_path / "a.json")
 
 
 def test_a_long_log_keeps_its_first_events_and_every_stage(tmp_path: Path) -> None:

@@ -35,7 +35,7 @@ from wil_campaign.vehicles.cameras.rendered_cameras import (
 )
 from wil_campaign.vehicles.poses.pose_history import PoseHistory
 from wil_campaign.vehicles.readings import CameraReading, Reading, Source
-from wil_campaign.vehicles.sensors.drawn_again import DrawnAgain
+from wil_campaign.vehicles.sensors.drawn_again import ImageRedrawer
 from wil_campaign.vehicles.sensors.lens import ThroughLens
 from wil_campaign.vehicles.sensors.world_views import WorldImages
 from wil_campaign.worlds.camera import Intrinsics
@@ -230,7 +230,7 @@ def test_the_noise_of_many_runs_is_not_kept() -> None:
     assert reading.drawing.effects is not None
     world = world_in(FACTS)
     assert world is not None
-    again = DrawnAgain(world.scene("wil", "Wv"))
+    again = ImageRedrawer(world.scene("wil", "Wv"))
     tracemalloc.start()
     for seed in range(60):
         effects = replace(reading.drawing.effects, seed=(seed,))

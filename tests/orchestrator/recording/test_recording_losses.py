@@ -10,16 +10,16 @@ import pytest
 from tests.orchestrator.mcap_runs import read
 from tests.orchestrator.operator.test_campaign_controller import RESULT
 from tests.recipes.samples import beam
-from wil_campaign.foundation.background_file import Patience
+from wil_campaign.foundation.background_file import DiskPatience
 from wil_campaign.orchestrator.recording.mcap import mcap_file, mcap_writer
-from wil_campaign.orchestrator.recording.mcap.mcap_encode import Encoder
+from wil_campaign.orchestrator.recording.mcap.mcap_encode import McapEncoder
 from wil_campaign.orchestrator.recording.mcap.mcap_settings import LOSSLESS
 from wil_campaign.orchestrator.recording.mcap.mcap_writer import McapRecorder, TopicLoss
 from wil_campaign.orchestrator.recording.run_recorder import RunRecorder, excessive_loss
 from wil_campaign.orchestrator.run_results.caveats import loss_texts
-from wil_campaign.orchestrator.run_results.run_result import Loss, also_of
+from wil_campaign.orchestrator.run_results.run_result import TopicMessageLoss, later_events_of
 from wil_campaign.plugins.python.mcap_reader import RecordedReading
-from wil_campaign.safety.model.verdict import Decision, DecisiveEvent
+from wil_campaign.safety.model.verdict import DecisiveEvent, RunDecision
 
 
 @pytest.mark.parametrize(
@@ -48,14 +48,14 @@ def test_losses_above_the_limit_are_excessive(
 def test_readings_that_cannot_be_encoded_are_counted_by_topic(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    encode = Encoder.encode
+    encode = McapEncoder.encode
 
-    def broken(self: Encoder, sensor: str, reading: Any) -> Any:
+    def broken(self: McapEncoder, sensor: str, reading: Any) -> Any:
         if sensor == "range":
             raise ValueError("it has no place")
         return encode(self, sensor, reading)
 
-    monkeypatch.setattr(Encoder, "encode", broken)
+    monkeypatch.setattr(McapEncoder, "encode", broken)
     with McapRecorder(path=tmp_path / "run.mcap", epoch_s=0.0, clock="virtual") as run:
         for _ in range(7):
             run.reading("range", beam(1.0))
@@ -91,7 +91,7 @@ def test_a_recording_is_incomplete_until_its_dead_disk_comes_back(
             stall()
         finish(self, metadata)
 
-    class Brief(Patience):
+    class Brief(DiskPatience):
         def waits_on(self, polls: int, *, is_brief: bool = False) -> bool:
             return not reached.is_set()
 
@@ -132,7 +132,7 @@ def test_a_recording_is_incomplete_until_its_dead_disk_comes_back(
 def test_losses_stand_under_the_table() -> None:
     from dataclasses import replace
 
-    run = replace(RESULT, losses=(Loss("/real/camera", 282, 3),))
+    run = replace(RESULT, losses=(TopicMessageLoss("/real/camera", 282, 3),))
     (text,) = loss_texts([run])
     assert text.startswith("3 of 282 of /real/camera (")
 
@@ -140,12 +140,12 @@ def test_losses_stand_under_the_table() -> None:
 def test_equal_events_are_counted_and_many_are_cut() -> None:
     first = DecisiveEvent(1.0, "FAIL", "touched", "", "", "")
     equal = [DecisiveEvent(2.0 + at, "ERROR", "no place", "", "", "") for at in range(612)]
-    (also,) = also_of(Decision("FAIL", "touched", (*equal,), first.source, "", ""))
+    (also,) = later_events_of(RunDecision("FAIL", "touched", (*equal,), first.source, "", ""))
     assert (also.reason, also.at_s) == ("no place (612 times)", 2.0)
     many = tuple(DecisiveEvent(2.0, "ERROR", f"no {number}", "", "", "") for number in range(80))
-    cut = also_of(Decision("FAIL", "touched", many, "", "", ""))
+    cut = later_events_of(RunDecision("FAIL", "touched", many, "", "", ""))
     assert len(cut) == 50
     assert cut[-1].reason == "31 more events; log.jsonl has all of them"
     passes = tuple(DecisiveEvent(2.0, "FAIL", f"no {number}", "", "", "") for number in range(80))
-    cut = also_of(Decision("FAIL", "touched", (*passes, many[0]), "", "", ""))
+    cut = later_events_of(RunDecision("FAIL", "touched", (*passes, many[0]), "", "", ""))
     assert cut[-1].verdict == "ERROR"

@@ -9,10 +9,10 @@ import pytest
 
 from tests.orchestrator.hover import write_hover
 from wil_campaign.campaigns.statistics.sequential_test import SequentialTest
-from wil_campaign.campaigns.values.acceptance import Requirement, Share
-from wil_campaign.foundation.files.document_writer import to_json, write_whole
+from wil_campaign.campaigns.values.acceptance import PassRequirement, PassShare
+from wil_campaign.foundation.files.document_writer import to_json, write_atomically
 from wil_campaign.orchestrator.cli import main
-from wil_campaign.orchestrator.cli.verdict_table import conclusions
+from wil_campaign.orchestrator.cli.verdict_table import conclusion_lines
 from wil_campaign.orchestrator.run_results.campaign_results import Summary, summarize
 from wil_campaign.orchestrator.run_results.junit import junit_xml
 from wil_campaign.orchestrator.run_results.result_parts import (
@@ -62,7 +62,7 @@ def summary(*runs: RunResult) -> Summary:
     count = sum(one.mode == "wil" for one in runs)
     return summarize(
         runs,
-        (Requirement("large", "wil", Share(count, count)),),
+        (PassRequirement("large", "wil", PassShare(count, count)),),
         campaign="gate",
         clock="virtual",
         surrogate=False,
@@ -72,7 +72,7 @@ def summary(*runs: RunResult) -> Summary:
 
 
 def caveat_lines(*runs: RunResult) -> list[str]:
-    return [line.plain for line in conclusions(summary(*runs))]
+    return [line.plain for line in conclusion_lines(summary(*runs))]
 
 
 def properties(*runs: RunResult) -> dict[str, str]:
@@ -107,7 +107,7 @@ def test_a_changed_fence_names_its_vehicles_and_who_changed_it() -> None:
 
 def test_a_result_with_a_changed_fence_is_read_back_as_written(tmp_path: Path) -> None:
     result = run(fence_changes=(CHANGED,))
-    write_whole(tmp_path / "result.json", to_json(result))
+    write_atomically(tmp_path / "result.json", to_json(result))
     assert read_result(tmp_path / "result.json") == result
 
 
@@ -178,7 +178,7 @@ def test_a_pass_rate_decided_by_equal_runs_is_reported(
     test = SequentialTest(at_least=0.9, against=0.2, most=5)
     found = summarize(
         [replace(run(rep), duration_s=each) for rep, each in enumerate(durations_s, start=1)],
-        (Requirement("large", "wil", Share(5, 5), test),),
+        (PassRequirement("large", "wil", PassShare(5, 5), test),),
         campaign="gate",
         clock="virtual",
         surrogate=False,
@@ -191,7 +191,7 @@ def test_a_pass_rate_decided_by_equal_runs_is_reported(
         "observation: let something vary with the seed, such as wind or noise"
     )
     assert found.caveats == (("of the file", text) if is_said else ("of the file",))
-    assert (text in [line.plain for line in conclusions(found)]) is is_said
+    assert (text in [line.plain for line in conclusion_lines(found)]) is is_said
 
 
 def combination(name: str = "camera", **more: Any) -> CombinationResult:
@@ -282,11 +282,11 @@ def test_synthesised_readings_are_named_beside_the_verdict() -> None:
         summary(run()), sensors={"camera": "live", "lidar": "synthesised", "gps": "synthesised"}
     )
     why = "computed from the pose of the real vehicle and its world, not measured"
-    assert [line.plain for line in conclusions(made)] == [
+    assert [line.plain for line in conclusion_lines(made)] == [
         f"synthesised readings: lidar, gps ({why})",
         "accepted; synthesised readings: gps, lidar",
     ]
-    assert conclusions(replace(made, sensors={"camera": "rendered"}))[-1].plain == "accepted"
+    assert conclusion_lines(replace(made, sensors={"camera": "rendered"}))[-1].plain == "accepted"
 
 
 def test_an_autonomy_slower_than_real_time_qualifies_a_pass() -> None:

@@ -8,19 +8,19 @@ from typing import Any
 import pytest
 
 from tests.orchestrator.run_results.test_results import result
-from wil_campaign.campaigns.values.acceptance import Requirement, Share
+from wil_campaign.campaigns.values.acceptance import PassRequirement, PassShare
 from wil_campaign.campaigns.values.expectation import Expectation
 from wil_campaign.foundation.files.document_writer import to_json
-from wil_campaign.orchestrator.cli.verdict_table import conclusions, verdict_table
+from wil_campaign.orchestrator.cli.verdict_table import conclusion_lines, verdict_table
 from wil_campaign.orchestrator.run_results.attempts import retry_due
 from wil_campaign.orchestrator.run_results.campaign_results import Summary, summarize
 from wil_campaign.orchestrator.run_results.control_results import control_result
-from wil_campaign.orchestrator.run_results.exit_codes import accepted, exit_code
+from wil_campaign.orchestrator.run_results.exit_codes import exit_code, is_campaign_accepted
 from wil_campaign.orchestrator.run_results.junit import junit_xml
 from wil_campaign.orchestrator.run_results.run_result import RunResult
 from wil_campaign.safety.model.oracle_results import OracleResult, Verdict
 
-ONE = (Requirement("large", "sim", Share(1, 1)),)
+ONE = (PassRequirement("large", "sim", PassShare(1, 1)),)
 BY_REACHED = Expectation("large", "FAIL", "reached", None)
 
 
@@ -74,20 +74,20 @@ def test_a_campaign_is_accepted_only_when_its_controls_end_as_expected(
 ) -> None:
     runs = [result(), given]
     assert exit_code(runs, ONE, controls_due=1) == code
-    assert accepted(runs, ONE, controls_due=1) is is_accepted
+    assert is_campaign_accepted(runs, ONE, controls_due=1) is is_accepted
 
 
 def test_a_control_that_was_not_flown_proves_nothing() -> None:
     assert exit_code([result()], ONE, controls_due=1) == 3
-    assert accepted([result()], ONE, controls_due=1) is False
+    assert is_campaign_accepted([result()], ONE, controls_due=1) is False
     assert exit_code([result()], ONE, controls_due=1, stopped="signal") == 130
 
 
 def test_controls_alone_accept_nothing_and_refuse_all() -> None:
     assert exit_code([control()], (), controls_due=1) == 5
-    assert accepted([control()], (), controls_due=1) is None
+    assert is_campaign_accepted([control()], (), controls_due=1) is None
     assert exit_code([control("PASS", decided_by="")], (), controls_due=1) == 1
-    assert accepted([control("PASS", decided_by="")], (), controls_due=1) is False
+    assert is_campaign_accepted([control("PASS", decided_by="")], (), controls_due=1) is False
 
 
 def test_a_failed_required_run_and_a_lost_one_keep_their_codes() -> None:
@@ -124,10 +124,12 @@ def test_the_summary_keeps_controls_apart_from_runs() -> None:
 
 
 def test_the_last_line_says_that_a_campaign_cannot_fail() -> None:
-    lines = [line.plain for line in conclusions(summary(result(), control("PASS", decided_by="")))]
+    lines = [
+        line.plain for line in conclusion_lines(summary(result(), control("PASS", decided_by="")))
+    ]
     assert lines[-1].startswith("not accepted; this campaign cannot fail")
     assert sum("control blind in mode sim passed" in line for line in lines) == 1
-    good = [line.plain for line in conclusions(summary(result(), control()))]
+    good = [line.plain for line in conclusion_lines(summary(result(), control()))]
     assert good[-1].startswith("accepted")
     assert good[0].startswith("control blind sim FAIL, as required: reached of twin failed")
 
@@ -137,7 +139,7 @@ def test_a_control_that_fails_by_another_oracle_says_once_by_which_and_what_to_w
     judged = OracleResult("clearance", "twin", True, "FAIL", 0.14, 0.35, "m", -0.21, 3.0)
     near = control(decided_by="clearance/twin", reason="0.140 m of gate", expected=wanted)
     lines = [
-        line.plain for line in conclusions(summary(result(), replace(near, oracles=(judged,))))
+        line.plain for line in conclusion_lines(summary(result(), replace(near, oracles=(judged,))))
     ]
     told = (
         "control blind sim must FAIL by collision, but FAILED by clearance (0.140 m of gate); "
@@ -177,5 +179,5 @@ def test_a_control_is_a_test_case_that_succeeds_when_it_fails(
 def test_an_oracle_that_was_not_judged_is_reported_in_table_and_junit() -> None:
     run = replace(result(), not_judged=("collision_always",))
     found = summary(run, control())
-    assert conclusions(found)[-1].plain.startswith("accepted; not judged: collision_always")
+    assert conclusion_lines(found)[-1].plain.startswith("accepted; not judged: collision_always")
     assert b'name="not_judged" value="collision_always (large sim, 1 run)"' in junit_xml(found, ONE)

@@ -10,7 +10,7 @@ from tests.orchestrator.reading.flown_campaign import Flight
 from wil_campaign.foundation.files.document_writer import to_json
 from wil_campaign.orchestrator.run_results.result_parts import (
     FlownFirmware,
-    distinct,
+    distinct_firmware,
     firmware_changes,
 )
 from wil_campaign.orchestrator.run_results.result_reader import ResultError, read_result
@@ -57,7 +57,7 @@ def test_unknown_parameters_and_the_uid_of_a_simulation_are_no_change() -> None:
 
 def test_each_firmware_is_listed_once() -> None:
     twin = replace(BOARD, vehicle="twin")
-    assert distinct([twin, BOARD, twin]) == (BOARD, twin)
+    assert distinct_firmware([twin, BOARD, twin]) == (BOARD, twin)
 
 
 def test_a_result_of_an_earlier_version_is_read(tmp_path: Path) -> None:

@@ -10,14 +10,18 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from wil_campaign.campaigns.values.acceptance import Requirement, Share
+from wil_campaign.campaigns.values.acceptance import PassRequirement, PassShare
 from wil_campaign.foundation.files.document_writer import to_json
-from wil_campaign.orchestrator.cli.verdict_table import conclusions
+from wil_campaign.orchestrator.cli.verdict_table import conclusion_lines
 from wil_campaign.orchestrator.run_results.campaign_results import VERDICTS, Summary, summarize
-from wil_campaign.orchestrator.run_results.exit_codes import accepted, exit_code, rehearsal_code
+from wil_campaign.orchestrator.run_results.exit_codes import (
+    exit_code,
+    is_campaign_accepted,
+    rehearsal_code,
+)
 from wil_campaign.orchestrator.run_results.run_result import (
     NOT_ARMED,
-    Also,
+    LaterEvent,
     MixingResult,
     Percentiles,
     RunResult,
@@ -26,8 +30,8 @@ from wil_campaign.orchestrator.run_results.run_result import (
 )
 from wil_campaign.safety.model.oracle_results import OracleResult
 
-ALL_OF_THREE = (Requirement("large", "sim", Share(3, 3)),)
-TWO_OF_THREE = (Requirement("large", "sim", Share(2, 3)),)
+ALL_OF_THREE = (PassRequirement("large", "sim", PassShare(3, 3)),)
+TWO_OF_THREE = (PassRequirement("large", "sim", PassShare(2, 3)),)
 
 
 def result(verdict: str = "PASS", rep: int = 1, **changes: Any) -> RunResult:
@@ -72,19 +76,19 @@ def three(*verdicts: str) -> list[RunResult]:
 )
 def test_verdicts_and_requirements_decide_the_exit_code(
     verdicts: tuple[str, ...],
-    requirements: tuple[Requirement, ...],
+    requirements: tuple[PassRequirement, ...],
     code: int,
     is_accepted: bool,
 ) -> None:
     runs = three(*verdicts)
     assert exit_code(runs, requirements) == code
-    assert accepted(runs, requirements) is is_accepted
+    assert is_campaign_accepted(runs, requirements) is is_accepted
 
 
 def test_nothing_is_accepted_without_required_runs() -> None:
     runs = [result("FAIL", required=False), result("ERROR", 2, required=False)]
     assert exit_code(runs, ()) == 5
-    assert accepted(runs, ()) is None
+    assert is_campaign_accepted(runs, ()) is None
     assert exit_code([], ALL_OF_THREE) == 5
 
 
@@ -103,10 +107,14 @@ def test_a_campaign_with_another_exit_code_than_0_is_not_accepted(
     """All that is required passed, and then the campaign was stopped, or an exception came."""
     runs = three("PASS", "PASS", "PASS")
     assert exit_code(runs, ALL_OF_THREE, **ended) == code
-    assert accepted(runs, ALL_OF_THREE, **ended) is False
+    assert is_campaign_accepted(runs, ALL_OF_THREE, **ended) is False
     raised = [*runs, replace(result("FAIL", required=False), exceptions=("KeyError",))]
     aborted = [*runs, result("ABORTED", case="small", required=False)]
-    assert [accepted(one, ALL_OF_THREE) for one in (runs, raised, aborted)] == [True, False, False]
+    assert [is_campaign_accepted(one, ALL_OF_THREE) for one in (runs, raised, aborted)] == [
+        True,
+        False,
+        False,
+    ]
 
 
 def test_the_end_of_a_campaign_comes_before_its_verdicts_in_the_exit_code() -> None:
@@ -129,7 +137,7 @@ def test_zero_is_for_accepted_campaigns_alone(runs: list[tuple[str, bool]], brok
     code = exit_code(flown, TWO_OF_THREE, broken=broken)
     if code == 0:
         assert not broken
-        assert accepted(flown, TWO_OF_THREE) is True
+        assert is_campaign_accepted(flown, TWO_OF_THREE) is True
     if broken:
         assert code in {3, 4}
 
@@ -185,9 +193,11 @@ def test_a_rehearsal_is_good_only_when_all_came_to_arming(
 def test_a_rehearsal_that_left_something_on_a_vehicle_is_not_good() -> None:
     good = replace(result("ABORTED"), reason=NOT_ARMED)
     unjudged = replace(
-        good, also=(Also("INVALID", "collision cannot be judged: no pose seen", 9.0),)
+        good, also=(LaterEvent("INVALID", "collision cannot be judged: no pose seen", 9.0),)
     )
-    kept = Also("ERROR", "real still has the onboard configuration of this run: no answer", 9.0)
+    kept = LaterEvent(
+        "ERROR", "real still has the onboard configuration of this run: no answer", 9.0
+    )
     assert rehearsal_code([good, unjudged]) == 5
     assert rehearsal_code([good, replace(unjudged, also=(*unjudged.also, kept))]) == 3
     assert rehearsal_code([replace(good, exceptions=("RuntimeError: boom",))]) == 3
@@ -202,9 +212,9 @@ def test_a_rehearsal_that_left_something_on_a_vehicle_is_not_good() -> None:
 )
 def test_the_last_line_says_what_was_left_out(verdict: str, said: str) -> None:
     flown = summary([result(verdict) for _ in range(3)])
-    assert conclusions(flown)[-1].plain.startswith("accepted" if verdict == "PASS" else "not ")
-    assert "left out" not in conclusions(flown)[-1].plain
-    last = conclusions(replace(flown, left_out=("large/wil",)))[-1].plain
+    assert conclusion_lines(flown)[-1].plain.startswith("accepted" if verdict == "PASS" else "not ")
+    assert "left out" not in conclusion_lines(flown)[-1].plain
+    last = conclusion_lines(replace(flown, left_out=("large/wil",)))[-1].plain
     assert last.startswith(said)
 
 
@@ -275,7 +285,7 @@ def test_percentiles_are_by_nearest_rank(
 
 def test_a_required_run_that_no_requirement_covers_must_pass() -> None:
     assert exit_code([result("FAIL", case="other")], ()) == 1
-    assert accepted([result("FAIL", case="other")], ()) is False
+    assert is_campaign_accepted([result("FAIL", case="other")], ()) is False
     assert exit_code([result("PASS", case="other")], ()) == 0
 
 
@@ -287,8 +297,8 @@ def test_exit_codes_are_only_those_of_the_design() -> None:
 
 @pytest.mark.parametrize("missing", [0, 1])
 def test_no_share_forgives_a_required_run_that_was_never_flown(missing: int) -> None:
-    runs, some = three("PASS", "PASS"), (Requirement("large", "sim", Share(1, 2)),)
+    runs, some = three("PASS", "PASS"), (PassRequirement("large", "sim", PassShare(1, 2)),)
     assert exit_code(runs, some, missing=missing) == (3 if missing else 0)
-    assert accepted(runs, some, missing=missing) is not bool(missing)
+    assert is_campaign_accepted(runs, some, missing=missing) is not bool(missing)
     assert exit_code(runs, some, missing=missing, stopped="signal") == 130
     assert exit_code(three("ABORTED"), some, missing=missing) == 4

@@ -7,15 +7,24 @@ from typing import Any
 
 import pytest
 
-from wil_campaign.campaigns.values.acceptance import Requirement, Share
+from wil_campaign.campaigns.values.acceptance import PassRequirement, PassShare
 from wil_campaign.orchestrator.run_results.campaign_results import summarize
 from wil_campaign.orchestrator.run_results.control_results import ControlResult
-from wil_campaign.orchestrator.run_results.exit_codes import accepted, exit_code, rehearsal_code
+from wil_campaign.orchestrator.run_results.exit_codes import (
+    exit_code,
+    is_campaign_accepted,
+    rehearsal_code,
+)
 from wil_campaign.orchestrator.run_results.junit import junit_xml
-from wil_campaign.orchestrator.run_results.run_result import NOT_ARMED, Also, RunResult, SyncResult
+from wil_campaign.orchestrator.run_results.run_result import (
+    NOT_ARMED,
+    LaterEvent,
+    RunResult,
+    SyncResult,
+)
 from wil_campaign.safety.model.oracle_results import OracleResult, Verdict
 
-REQUIRED = (Requirement("large", "sim", Share(2, 2)),)
+REQUIRED = (PassRequirement("large", "sim", PassShare(2, 2)),)
 
 
 def run(verdict: Verdict, rep: int, *, required: bool = True, reason: str = "why") -> RunResult:
@@ -26,7 +35,7 @@ def run(verdict: Verdict, rep: int, *, required: bool = True, reason: str = "why
         seed=77,
         verdict=verdict,
         reason="" if verdict == "PASS" else reason,
-        also=(Also("FAIL", "late", 9.0),) if verdict == "ERROR" else (),
+        also=(LaterEvent("FAIL", "late", 9.0),) if verdict == "ERROR" else (),
         required=required,
         duration_s=12.3456,
         wall_s=1.0,
@@ -40,7 +49,7 @@ def run(verdict: Verdict, rep: int, *, required: bool = True, reason: str = "why
 
 def suite(
     *runs: RunResult,
-    requirements: tuple[Requirement, ...] = REQUIRED,
+    requirements: tuple[PassRequirement, ...] = REQUIRED,
     left_out: tuple[str, ...] = (),
     arm: bool = True,
     **ended: Any,
@@ -114,7 +123,7 @@ def test_a_run_that_is_only_reported_is_skipped_with_its_verdict() -> None:
 
 
 def test_a_failure_that_the_share_forgives_does_not_fail_the_suite() -> None:
-    one_of_two = (Requirement("large", "sim", Share(1, 2)),)
+    one_of_two = (PassRequirement("large", "sim", PassShare(1, 2)),)
     found = suite(run("PASS", 1), run("FAIL", 2), requirements=one_of_two)
     assert [outcome(case) for case in found] == ["passed", "skipped"]
     error = suite(run("PASS", 1), run("ERROR", 2), requirements=one_of_two)
@@ -144,7 +153,7 @@ def test_any_reason_is_good_xml() -> None:
     assert failure.get("message") == "<b>&\"'???? \u00e9\U0001f600 ]]>"
 
 
-HALF = (Requirement("large", "sim", Share(1, 2)),)
+HALF = (PassRequirement("large", "sim", PassShare(1, 2)),)
 BOOM = ("RuntimeError: boom, in the guard",)
 CONTROL = ControlResult("large", "FAIL", "collision", None, met=True)
 BOTH = (run("PASS", 1), run("PASS", 2))
@@ -183,7 +192,11 @@ def test_a_suite_is_red_exactly_where_the_campaign_is_not_accepted() -> None:
     for pair, requirements, ended in itertools.product(pairs, (REQUIRED, HALF), ends):
         found = suite(*pair, requirements=requirements, **ended)
         red = any(outcome(case) in {"failure", "error"} for case in found)
-        assert red is not accepted(pair, requirements, **ended), (pair, requirements, ended)
+        assert red is not is_campaign_accepted(pair, requirements, **ended), (
+            pair,
+            requirements,
+            ended,
+        )
 
 
 def test_a_campaign_that_is_not_accepted_says_what_was_never_flown() -> None:
@@ -233,7 +246,7 @@ def test_an_unarmed_run_is_an_error_only_when_it_left_something_on_a_vehicle() -
     good = run("ABORTED", 1, required=False, reason=NOT_ARMED)
     (case,) = suite(good, requirements=())
     assert outcome(case) == "skipped"
-    left = replace(good, also=(Also("ERROR", "real keeps its fence", 9.0),))
+    left = replace(good, also=(LaterEvent("ERROR", "real keeps its fence", 9.0),))
     error = suite(left, requirements=())[0].find("error")
     assert error is not None
     assert error.get("message") == f"{NOT_ARMED}; real keeps its fence"

@@ -6,14 +6,14 @@ from pathlib import Path
 
 import pytest
 
-from wil_campaign.foundation.files.document_writer import to_json, write_whole
+from wil_campaign.foundation.files.document_writer import to_json, write_atomically
 
 
 def test_text_and_bytes_are_written(tmp_path: Path) -> None:
     path = tmp_path / "a.json"
-    write_whole(path, "ä\n")
+    write_atomically(path, "ä\n")
     assert path.read_bytes() == "ä\n".encode()
-    write_whole(path, b"\x00")
+    write_atomically(path, b"\x00")
     assert path.read_bytes() == b"\x00"
     assert path.stat().st_mode & 0o777 == 0o644
     assert [each.name for each in tmp_path.iterdir()] == ["a.json"]
@@ -23,21 +23,21 @@ def test_the_old_file_stays_when_writing_fails(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = tmp_path / "a.json"
-    write_whole(path, "before")
+    write_atomically(path, "before")
 
     def full(_: int) -> None:
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(os, "fsync", full)
     with pytest.raises(OSError, match="No space left"):
-        write_whole(path, "after")
+        write_atomically(path, "after")
     assert path.read_text() == "before"
     assert [each.name for each in tmp_path.iterdir()] == ["a.json"]
 
 
 def test_a_folder_that_is_not_there_is_an_error(tmp_path: Path) -> None:
     with pytest.raises(FileNotFoundError):
-        write_whole(tmp_path / "no" / "a.json", "x")
+        write_atomically(tmp_path / "no" / "a.json", "x")
 
 
 def test_the_file_is_flushed_before_it_gets_its_name(
@@ -56,11 +56,11 @@ def test_the_file_is_flushed_before_it_gets_its_name(
 
     monkeypatch.setattr(os, "fsync", fsync)
     monkeypatch.setattr(Path, "replace", replace)
-    write_whole(tmp_path / "a.json", "x")
+    write_atomically(tmp_path / "a.json", "x")
     assert seen == ["file", "rename", "folder"]
 
 
 def test_half_of_a_surrogate_pair_is_escaped_in_json(tmp_path: Path) -> None:
     path = tmp_path / "result.json"
-    write_whole(path, to_json({"reason": "\ud800"}))
+    write_atomically(path, to_json({"reason": "\ud800"}))
     assert json.loads(path.read_text("utf-8")) == {"reason": "\ud800"}

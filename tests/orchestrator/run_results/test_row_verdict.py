@@ -8,7 +8,7 @@ from rich.text import Text
 
 from tests.orchestrator.run_results.test_results import result
 from wil_campaign.campaigns.statistics.sequential_test import SequentialTest
-from wil_campaign.campaigns.values.acceptance import Requirement, Share
+from wil_campaign.campaigns.values.acceptance import PassRequirement, PassShare
 from wil_campaign.orchestrator.cli.verdict_table import verdict_table
 from wil_campaign.orchestrator.run_results.acceptance_texts import row_verdict
 from wil_campaign.orchestrator.run_results.attempts import attempt_of
@@ -19,8 +19,8 @@ from wil_campaign.safety.model.oracle_results import OracleResult
 
 WORDS = {"P": "PASS", "F": "FAIL", "E": "ERROR", "I": "INVALID", "A": "ABORTED"}
 TEST = SequentialTest(at_least=0.9, against=0.2, most=3)
-ALL, TWO = (Requirement("large", "sim", Share(passes, 3)) for passes in (3, 2))
-DECIDED = Requirement("large", "sim", Share(3, 3), TEST)
+ALL, TWO = (PassRequirement("large", "sim", PassShare(passes, 3)) for passes in (3, 2))
+DECIDED = PassRequirement("large", "sim", PassShare(3, 3), TEST)
 
 
 def runs_of(letters: str) -> list[RunResult]:
@@ -31,7 +31,9 @@ def runs_of(letters: str) -> list[RunResult]:
     ]
 
 
-def cell(runs: list[RunResult], wanted: Requirement, header: str = "verdict") -> tuple[str, str]:
+def cell(
+    runs: list[RunResult], wanted: PassRequirement, header: str = "verdict"
+) -> tuple[str, str]:
     """Return text and style of the row in the table on the terminal."""
     summary = summarize(
         runs,
@@ -76,7 +78,7 @@ def test_the_clearance_is_that_of_the_report_where_only_clearance_looked_so_far(
     ],
 )
 def test_the_cell_of_a_row_has_verdict_count_and_colour(
-    letters: str, wanted: Requirement, text: str, style: str
+    letters: str, wanted: PassRequirement, text: str, style: str
 ) -> None:
     assert cell(runs_of(letters), wanted) == (text, style)
 
@@ -88,7 +90,7 @@ def test_a_pass_that_was_flown_again_has_a_star() -> None:
 
 
 @pytest.mark.parametrize("wanted", [ALL, TWO, DECIDED])
-def test_a_row_is_pass_exactly_where_the_exit_code_is_0(wanted: Requirement) -> None:
+def test_a_row_is_pass_exactly_where_the_exit_code_is_0(wanted: PassRequirement) -> None:
     rows = [row for count in (1, 2, 3) for row in product("PFEIAX", repeat=count)]
     for letters in map("".join, rows):
         runs = runs_of(letters)

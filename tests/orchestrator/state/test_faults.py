@@ -5,19 +5,21 @@ from collections.abc import Callable
 
 import pytest
 
-from wil_campaign.orchestrator.state.faults import Fault, Faults
+from wil_campaign.orchestrator.state.faults import InternalFault, InternalFaults
 
 
-def faults_of(take: Callable[[Fault], None]) -> tuple[Faults, list[str]]:
+def faults_of(take: Callable[[InternalFault], None]) -> tuple[InternalFaults, list[str]]:
     logged: list[str] = []
-    faults = Faults(time=lambda: 1.0, log=lambda fault: logged.append(fault.text), take=take)
+    faults = InternalFaults(
+        time=lambda: 1.0, log=lambda fault: logged.append(fault.text), take=take
+    )
     return faults, logged
 
 
 def test_an_exception_of_a_fault_handler_is_recorded_and_not_handled() -> None:
     taken: list[str] = []
 
-    def take(fault: Fault) -> None:
+    def take(fault: InternalFault) -> None:
         taken.append(fault.text)
         raise LookupError("no such style")
 
@@ -35,7 +37,7 @@ def test_an_exception_of_a_fault_handler_is_recorded_and_not_handled() -> None:
 def test_a_fault_that_its_handler_raises_again_is_recorded_once() -> None:
     boom = ValueError("boom")
 
-    def take(_: Fault) -> None:
+    def take(_: InternalFault) -> None:
         raise boom
 
     faults, logged = faults_of(take)
@@ -44,7 +46,7 @@ def test_a_fault_that_its_handler_raises_again_is_recorded_once() -> None:
 
 
 def test_a_cancellation_that_a_fault_handler_requests_is_raised() -> None:
-    def take(_: Fault) -> None:
+    def take(_: InternalFault) -> None:
         task = asyncio.current_task()
         assert task is not None
         task.cancel()

@@ -11,18 +11,18 @@ import pytest
 
 from tests.orchestrator.conftest import ROOT, NoCommands
 from tests.orchestrator.flights import all_landed, log_of
-from wil_campaign.campaigns.expansion.expansion import Campaign, Options, load_campaign
-from wil_campaign.foundation.files.documents import parse
+from wil_campaign.campaigns.expansion.expansion import Campaign, ExpansionOptions, load_campaign
+from wil_campaign.foundation.files.documents import parse_document
 from wil_campaign.orchestrator.campaign.between_runs import BetweenRuns
 from wil_campaign.orchestrator.campaign.workers.run_order import fly_order
 from wil_campaign.orchestrator.campaign.workers.run_workers import WorkerLost
 from wil_campaign.orchestrator.run.stages.return_flight import return_setup
-from wil_campaign.orchestrator.run_results.run_result import Also, RunResult, SyncResult
+from wil_campaign.orchestrator.run_results.run_result import LaterEvent, RunResult, SyncResult
 from wil_campaign.orchestrator.state.return_path import (
     CLEAR_M,
     ReturnPath,
     StandingPose,
-    off_start,
+    offset_from_start_text,
     read_standing_pose,
     why_no_return,
     why_path_blocked,
@@ -109,13 +109,13 @@ def test_it_flies_back_and_stands_at_its_start(
     assert fly_order(order, lambda _: None, NoCommands()).verdict == "PASS"
     stand = read_standing_pose(order.folder, "real")
     assert stand is not None
-    away = off_start(stand, START)
+    away = offset_from_start_text(stand, START)
     assert away is not None
     assert away[0] > 1.5
     back = replace(order, back=way(stand.pose), folder=tmp_path / "o" / "back")
     came = fly_order(back, lambda _: None, NoCommands())
     assert (came.case, came.verdict, came.required) == ("default-real-back", "PASS", False)
-    away = off_start(read_standing_pose(back.folder, "real"), START)
+    away = offset_from_start_text(read_standing_pose(back.folder, "real"), START)
     assert away is not None
     assert away[0] < 0.15
     assert away[1] < 3.0
@@ -151,12 +151,14 @@ ARMED = {"event": "stage", "stage": "arm"}
         (result(verdict="ABORTED", reason="by anna"), LANDED, [], "ended as ABORTED: by anna"),
         (result(verdict="ERROR", reason="lost"), LANDED, [], "ended as ERROR: lost"),
         (
-            result(verdict="FAIL", also=(Also("ERROR", "real still has its parameters", 9.0),)),
+            result(
+                verdict="FAIL", also=(LaterEvent("ERROR", "real still has its parameters", 9.0),)
+            ),
             LANDED,
             [],
             "ERROR after the verdict FAIL: real still has its parameters",
         ),
-        (result(verdict="FAIL", also=(Also("INVALID", "mixing", 9.0),)), LANDED, [], ""),
+        (result(verdict="FAIL", also=(LaterEvent("INVALID", "mixing", 9.0),)), LANDED, [], ""),
         (result(), None, [], "its position is unknown"),
         (result(), replace(LANDED, armed=True), [], "not landed and disarmed"),
         (result(), replace(LANDED, stage="land"), [], "not landed and disarmed"),
@@ -206,7 +208,7 @@ def test_the_end_of_a_run_decides_whether_it_flies_back(
     ],
 )
 def test_a_blocked_way_back_is_refused_with_the_reason(back: ReturnPath, why: str) -> None:
-    scene = World.parse(parse(WORLD.encode(), name="world.yaml")).scene("real", "W")
+    scene = World.parse(parse_document(WORLD.encode(), name="world.yaml")).scene("real", "W")
     probe = ClearanceProbe(scene, BODY, floors=False, within_m=CLEAR_M)
     assert why_path_blocked(back, fence=FENCE, keep_m=0.0, probe=probe) == why
 
@@ -369,7 +371,7 @@ def test_a_person_puts_an_attached_actor_back_where_it_flew(
     fence = "{box: {north_m: [-1.5, 3.5], east_m: [-1, 1], up_m: [-0.5, 2.3]}}"
     link = "link: 'udpin://0.0.0.0:14560', autopilot: px4, virtual: embedded"
     sets = (f"actors={{intruder: {{{link}, geofence: {fence}}}}}", "controls={}")
-    options = Options(cases=("fast",), modes=(mode,), sets=sets)
+    options = ExpansionOptions(cases=("fast",), modes=(mode,), sets=sets)
     campaign = load_campaign(ROOT / "campaigns" / "avoid.yaml", options)
     made, asked, _ = between(campaign, tmp_path / "o", hardware)
     order = RunOrder(plan=campaign.runs[0], folder=tmp_path / "o" / "run", clock="wall")
@@ -382,7 +384,8 @@ def test_nothing_flies_back_with_an_actor_beside_it(tmp_path: Path) -> None:
     faults = "faults={real: {pose_source: {stop: {on: goal}}}}"
     sets = ("actors={intruder: {link: embedded, autopilot: px4}}", "controls={}", faults)
     campaign = load_campaign(
-        ROOT / "campaigns" / "avoid.yaml", Options(cases=("fast",), modes=("real",), sets=sets)
+        ROOT / "campaigns" / "avoid.yaml",
+        ExpansionOptions(cases=("fast",), modes=("real",), sets=sets),
     )
     order = RunOrder(plan=campaign.runs[0], folder=tmp_path, clock="virtual")
     setup = RunSetup.of(order)

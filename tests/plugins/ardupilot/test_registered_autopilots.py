@@ -5,7 +5,11 @@ from pydantic import ValidationError
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from wil_campaign.campaigns.schema.vehicles import VehiclePart
-from wil_campaign.vehicles.autopilots.registry import autopilot_named, autopilot_of, strategies
+from wil_campaign.vehicles.autopilots.registry import (
+    autopilot_named,
+    autopilot_of,
+    autopilot_strategies,
+)
 from wil_campaign.vehicles.embedded.emulations import emulations
 
 NAMES = ["px4", "ardupilot"]
@@ -14,7 +18,7 @@ NAMES = ["px4", "ardupilot"]
 def test_it_is_found_by_its_name_and_by_its_heartbeat() -> None:
     found = autopilot_of(mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA)
     assert found is autopilot_named("ardupilot")
-    assert [*strategies()] == [*emulations()] == NAMES
+    assert [*autopilot_strategies()] == [*emulations()] == NAMES
     with pytest.raises(ValueError, match=r"there is no autopilot 'beta' \(px4, ardupilot\)"):
         autopilot_named("beta")
 

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from wil_campaign.plugins.calibration.boards import CharucoBoard, ChessBoard, Sighting
+from wil_campaign.plugins.calibration.boards import BoardSighting, CharucoBoard, ChessBoard
 from wil_campaign.plugins.calibration.body_paths import BodyPath
 from wil_campaign.worlds.camera import Intrinsics
 from wil_campaign.worlds.frames import Pose, quat_from_euler, rotate
@@ -166,7 +166,7 @@ class Hand:
         first = np.array(back.to_parent(self.board.position_ned_m))
         return _OPTICAL_FROM_FRD @ turned, _OPTICAL_FROM_FRD @ first
 
-    def sighting(self, t_s: float, noise: NDArray[np.float64]) -> Sighting | None:
+    def sighting(self, t_s: float, noise: NDArray[np.float64]) -> BoardSighting | None:
         """What a detector finds at a stamp; None when a corner is out of the picture."""
         rotation, position = self.optical(t_s)
         corners = CHESSBOARD.corners_m * 2.0
@@ -179,9 +179,9 @@ class Hand:
         )[0].reshape(-1, 2)
         if pixels.min() < 0 or (pixels > (LENS.width_px, LENS.height_px)).any():
             return None
-        return Sighting(t_s, corners, pixels + noise[: len(pixels)])
+        return BoardSighting(t_s, corners, pixels + noise[: len(pixels)])
 
-    def sightings(self, until_s: float, step_s: float = 0.15) -> list[Sighting]:
+    def sightings(self, until_s: float, step_s: float = 0.15) -> list[BoardSighting]:
         random = np.random.default_rng(3)
         times = np.arange(1.0, until_s, step_s)
         found = [self.sighting(t, random.normal(0, 0.15, (54, 2))) for t in times]

@@ -14,14 +14,14 @@ from tests.plugins.calibration.board_images import (
     placed,
 )
 from wil_campaign.plugins.calibration.boards import (
+    BoardSighting,
     CalibrationError,
     CharucoBoard,
     ChessBoard,
-    Sighting,
 )
 
 
-def off_px(board: ChessBoard | CharucoBoard, sightings: list[Sighting]) -> float:
+def off_px(board: ChessBoard | CharucoBoard, sightings: list[BoardSighting]) -> float:
     """How far corners are found from where they are."""
     matrix, distortion = matrices(LENS)
     worst = []
@@ -36,7 +36,7 @@ def off_px(board: ChessBoard | CharucoBoard, sightings: list[Sighting]) -> float
 
 
 def test_corners_are_found_where_they_are(
-    of_chessboard: list[Sighting], of_charuco: list[Sighting]
+    of_chessboard: list[BoardSighting], of_charuco: list[BoardSighting]
 ) -> None:
     assert off_px(CHESSBOARD, of_chessboard) < 0.3
     assert off_px(CHARUCO, of_charuco) < 0.3

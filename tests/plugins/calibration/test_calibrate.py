@@ -12,14 +12,14 @@ from numpy.typing import NDArray
 
 from tests.plugins.calibration.board_images import CHARUCO, LENS, Hand, board_views, picture
 from wil_campaign.campaigns.schema.calibration import CalibrationPart, read_calibration
-from wil_campaign.foundation.files.documents import load
+from wil_campaign.foundation.files.documents import load_document
 from wil_campaign.orchestrator.cli import main
 from wil_campaign.orchestrator.recording.judge_log_file import JudgeLogWriter
 from wil_campaign.orchestrator.recording.mcap.mcap_writer import McapRecorder
 from wil_campaign.orchestrator.recording.timestamps import VIRTUAL_EPOCH_S
 from wil_campaign.plugins.calibration.boards import CharucoBoard
-from wil_campaign.plugins.calibration.body_paths import path_in_csv
-from wil_campaign.plugins.calibration.measurement import as_yaml
+from wil_campaign.plugins.calibration.body_paths import body_path_in_csv
+from wil_campaign.plugins.calibration.measurement import calibration_yaml
 from wil_campaign.safety.model.samples import PoseSample
 from wil_campaign.vehicles.readings import CameraReading
 from wil_campaign.worlds.frames import Pose, quat_from_euler
@@ -51,7 +51,7 @@ def optics(tmp_path: Path) -> Path:
     camera = {key: getattr(LENS, key) for key in ("width_px", "height_px", "fx_px", "fy_px")}
     camera |= {"cx_px": LENS.cx_px, "cy_px": LENS.cy_px, "distortion": list(LENS.distortion)}
     part = CalibrationPart.model_validate({"schema": "wil/calibration/1", "camera": camera})
-    (tmp_path / "optics.yaml").write_text(as_yaml(part, made_of="nothing"))
+    (tmp_path / "optics.yaml").write_text(calibration_yaml(part, made_of="nothing"))
     return tmp_path / "optics.yaml"
 
 
@@ -81,7 +81,7 @@ def poses_csv(path: Path, hz: float = 100.0, zero_s: float = 0.0) -> Path:
 
 
 def read(path: Path) -> CalibrationPart:
-    return read_calibration(load(path, name=str(path)))
+    return read_calibration(load_document(path, name=str(path)))
 
 
 def check_mounting(found: CalibrationPart) -> None:
@@ -305,6 +305,6 @@ def test_the_board_that_is_drawn_is_the_one_that_is_found(tmp_path: Path) -> Non
 
 def test_poses_of_a_spreadsheet_begin_with_a_mark_of_their_encoding(tmp_path: Path) -> None:
     path = poses_csv(tmp_path / "poses.csv")
-    plain = path_in_csv(path)
+    plain = body_path_in_csv(path)
     path.write_bytes(b"\xef\xbb\xbf" + path.read_bytes())
-    assert path_in_csv(path).t_s.tolist() == plain.t_s.tolist()
+    assert body_path_in_csv(path).t_s.tolist() == plain.t_s.tolist()

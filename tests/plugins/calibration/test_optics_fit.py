@@ -7,8 +7,12 @@ import numpy as np
 import pytest
 
 from tests.plugins.calibration.board_images import LENS, matrices
-from wil_campaign.plugins.calibration.boards import CalibrationError, Sighting
-from wil_campaign.plugins.calibration.optics import covered, fit_optics, most_different
+from wil_campaign.plugins.calibration.boards import BoardSighting, CalibrationError
+from wil_campaign.plugins.calibration.optics import (
+    covered_image_share,
+    fit_optics,
+    most_different_sightings,
+)
 from wil_campaign.worlds.camera import Intrinsics
 
 SIZE = (LENS.width_px, LENS.height_px)
@@ -37,13 +41,13 @@ def test_the_lens_is_recovered(kind: str, request: pytest.FixtureRequest) -> Non
     assert fit.covered > 0.9
 
 
-def test_more_coefficients_are_had_when_asked_for(of_charuco: list[Sighting]) -> None:
+def test_more_coefficients_are_had_when_asked_for(of_charuco: list[BoardSighting]) -> None:
     assert len(fit_optics(of_charuco, SIZE, coefficients=5).intrinsics.distortion) == 5
     assert len(fit_optics(of_charuco, SIZE, coefficients=8).intrinsics.distortion) == 8
 
 
 def test_the_error_is_that_of_all_corners_however_many_an_image_has(
-    of_charuco: list[Sighting],
+    of_charuco: list[BoardSighting],
 ) -> None:
     few = [replace(one, board_m=one.board_m[::3], pixels=one.pixels[::3]) for one in of_charuco[:4]]
     given = [*few, *of_charuco[4:]]
@@ -55,12 +59,12 @@ def test_the_error_is_that_of_all_corners_however_many_an_image_has(
     assert fit.rms_px == pytest.approx(rms_px, rel=1e-6)
 
 
-def test_too_few_images_are_refused(of_charuco: list[Sighting]) -> None:
+def test_too_few_images_are_refused(of_charuco: list[BoardSighting]) -> None:
     with pytest.raises(CalibrationError, match="found in 5 images; 8 that differ are needed"):
         fit_optics(of_charuco[:5], SIZE)
 
 
-def test_one_view_over_and_over_is_refused(of_charuco: list[Sighting]) -> None:
+def test_one_view_over_and_over_is_refused(of_charuco: list[BoardSighting]) -> None:
     random = np.random.default_rng(5)
     still = [
         replace(one, pixels=one.pixels + random.normal(0.0, 0.1, one.pixels.shape))
@@ -70,19 +74,19 @@ def test_one_view_over_and_over_is_refused(of_charuco: list[Sighting]) -> None:
         fit_optics(still, SIZE)
 
 
-def test_a_board_that_is_never_tilted_is_refused(of_charuco: list[Sighting]) -> None:
+def test_a_board_that_is_never_tilted_is_refused(of_charuco: list[BoardSighting]) -> None:
     flat = of_charuco[0].board_m
     matrix, _ = matrices(LENS)
     sightings = []
     for k in range(12):
         place = np.array([0.03 * (k % 4) - 0.2, 0.03 * (k // 4) - 0.15, 0.4 + 0.02 * k])
         pixels = (flat + place) @ matrix.T
-        sightings.append(Sighting(float(k), flat, pixels[:, :2] / pixels[:, 2:]))
+        sightings.append(BoardSighting(float(k), flat, pixels[:, :2] / pixels[:, 2:]))
     with pytest.raises(CalibrationError, match=r"faces the camera in all .* tilt it by 30 degrees"):
         fit_optics(sightings, SIZE)
 
 
-def test_a_picture_that_was_moved_is_left_out(of_charuco: list[Sighting]) -> None:
+def test_a_picture_that_was_moved_is_left_out(of_charuco: list[BoardSighting]) -> None:
     random = np.random.default_rng(5)
     spoiled = replace(
         of_charuco[3],
@@ -93,7 +97,7 @@ def test_a_picture_that_was_moved_is_left_out(of_charuco: list[Sighting]) -> Non
     assert fit.rms_px < 0.3
 
 
-def test_a_board_whose_print_is_bent_is_refused(of_charuco: list[Sighting]) -> None:
+def test_a_board_whose_print_is_bent_is_refused(of_charuco: list[BoardSighting]) -> None:
     random = np.random.default_rng(5)
     wrong = [
         replace(one, pixels=one.pixels + random.normal(0.0, 6.0, one.pixels.shape))
@@ -105,9 +109,9 @@ def test_a_board_whose_print_is_bent_is_refused(of_charuco: list[Sighting]) -> N
         fit_optics(wrong, SIZE)
 
 
-def test_the_most_different_of_many_images_are_taken(of_charuco: list[Sighting]) -> None:
-    chosen = most_different(of_charuco * 3, SIZE, 10)
+def test_the_most_different_of_many_images_are_taken(of_charuco: list[BoardSighting]) -> None:
+    chosen = most_different_sightings(of_charuco * 3, SIZE, 10)
     assert len(chosen) == 10
     assert len({id(one) for one in chosen}) == 10
-    assert covered(chosen, SIZE) > 0.7
-    assert most_different([], SIZE, 10) == []
+    assert covered_image_share(chosen, SIZE) > 0.7
+    assert most_different_sightings([], SIZE, 10) == []

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from wil_campaign.plugins.cameras.frame_stamps import Stamper
+from wil_campaign.plugins.cameras.frame_stamps import FrameStamper
 from wil_campaign.vehicles.readings import CameraReading
 from wil_campaign.vehicles.sources.camera_source import ImageChangedError
 from wil_campaign.worlds.camera import Intrinsics
@@ -12,11 +12,11 @@ SMALL = Intrinsics.from_fov(8, 6, 1.0)
 PICTURE = np.zeros((6, 8, 3), np.uint8)
 
 
-def stamper(rate_hz: float | None = None) -> Stamper:
-    return Stamper(name="camera", side="real", intrinsics=SMALL, rate_hz=rate_hz)
+def stamper(rate_hz: float | None = None) -> FrameStamper:
+    return FrameStamper(name="camera", side="real", intrinsics=SMALL, rate_hz=rate_hz)
 
 
-def seqs(stamper: Stamper, stamps_s: list[float]) -> list[int]:
+def seqs(stamper: FrameStamper, stamps_s: list[float]) -> list[int]:
     readings = [stamper.reading(PICTURE, stamp_s=s, arrived_s=s + 0.01) for s in stamps_s]
     return [reading.seq for reading in readings if reading is not None]
 

@@ -9,7 +9,7 @@ import pytest
 from tests.orchestrator.hover import write_hover
 from tests.orchestrator.reading.flown_campaign import flights, summary_of
 from tests.test_house import ROOT
-from wil_campaign.campaigns.expansion.expansion import Campaign, Options, load_campaign
+from wil_campaign.campaigns.expansion.expansion import Campaign, ExpansionOptions, load_campaign
 from wil_campaign.orchestrator.cli import main
 from wil_campaign.orchestrator.cli.announcements import announce_verdicts
 from wil_campaign.orchestrator.run_results.campaign_results import Summary
@@ -31,7 +31,7 @@ def job(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 @pytest.fixture(scope="module")
 def gate() -> Campaign:
-    return load_campaign(ROOT / "campaigns" / "gate.yaml", Options(loads_code=False))
+    return load_campaign(ROOT / "campaigns" / "gate.yaml", ExpansionOptions(loads_code=False))
 
 
 def flown(campaign: Campaign, verdicts: str, reason: str = "") -> Summary:
@@ -89,7 +89,7 @@ def test_what_passes_has_no_annotation_and_a_share_forgives(
 ) -> None:
     gate = ROOT / "campaigns" / "gate.yaml"
     sets = ("accept={large: {sim: 4/5}}", "controls={}")
-    campaign = load_campaign(gate, Options(loads_code=False, sets=sets, modes=("sim",)))
+    campaign = load_campaign(gate, ExpansionOptions(loads_code=False, sets=sets, modes=("sim",)))
     announce_verdicts(campaign, flown(campaign, "PPPPF"), tmp_path)
     assert annotations(capsys) == []
     assert "### gate: accepted" in job.read_text("utf-8")

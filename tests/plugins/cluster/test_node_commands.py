@@ -14,13 +14,13 @@ import pytest
 
 from wil_campaign.orchestrator.campaign.workers.run_workers import OrderDone, WorkerLost
 from wil_campaign.orchestrator.operator import local_commands
-from wil_campaign.orchestrator.operator.campaign_records import Place, Places
-from wil_campaign.orchestrator.operator.run_messages import Happening
+from wil_campaign.orchestrator.operator.campaign_records import OperatorPlace, OperatorPlaces
+from wil_campaign.orchestrator.operator.run_messages import RunEventReport
 from wil_campaign.plugins.cluster import node_process
 from wil_campaign.plugins.cluster.node_messages import (
     CommandSent,
+    NodeRunHappening,
     RunEnded,
-    RunHappening,
     ToCampaign,
     ToNode,
     decode_to_campaign,
@@ -51,11 +51,13 @@ async def test_an_abort_goes_past_a_run_that_hangs_to_its_guard_and_no_other(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     run, other = tmp_path / "hover/1/default/sim/1", tmp_path / "hover/1/default/sim/2"
-    guards = tuple(Place("guard", folder, folder / "socket") for folder in (run, other))
+    guards = tuple(OperatorPlace("guard", folder, folder / "socket") for folder in (run, other))
     told: list[tuple[Path, str, str]] = []
-    monkeypatch.setattr(local_commands, "places", lambda: Places((), guards))
+    monkeypatch.setattr(local_commands, "operator_places", lambda: OperatorPlaces((), guards))
     monkeypatch.setattr(
-        local_commands, "tell", lambda path, command, *, who: told.append((path, command, who))
+        local_commands,
+        "tell_operator_socket",
+        lambda path, command, *, who: told.append((path, command, who)),
     )
     commands, sender = Pipe()
     reports, _ = Pipe()
@@ -118,7 +120,7 @@ class TalkingWorker(SilentWorker):
 
     def __init__(self, text: str) -> None:
         super().__init__()
-        self.news = [Happening("hover/sim/1", 1.0, "guard", "event", "real", text)] * 1000
+        self.news = [RunEventReport("hover/sim/1", 1.0, "guard", "event", "real", text)] * 1000
         self.aborted = asyncio.Event()
 
     async def begin(self, order: object) -> None:
@@ -166,17 +168,17 @@ async def test_an_end_waits_for_its_reader_behind_the_news_before(
     commands, _ = Pipe()
     runs, news = NodeRuns(commands, reader.reports, tmp_path), TalkingWorker("short").news
     for one in news:
-        await runs._report(RunHappening(one))
+        await runs._report(NodeRunHappening(one))
     ended = RunEnded.of(WorkerLost("x" * 100_000))
     sending = asyncio.create_task(runs._send(ended))
     while not runs._is_sending:  # noqa: ASYNC110 - sets no event
         await asyncio.sleep(0)
-    await runs._report(RunHappening(news[0]))  # not into the middle of the end
+    await runs._report(NodeRunHappening(news[0]))  # not into the middle of the end
     read = [reader.read()]
     while not isinstance(read[-1], RunEnded):
         read.append(reader.read())
     await sending
-    assert read == [RunHappening(news[0])] * (len(read) - 1) + [ended]
+    assert read == [NodeRunHappening(news[0])] * (len(read) - 1) + [ended]
     assert 100 < len(read) < len(news)
     assert not reader.blocked
 

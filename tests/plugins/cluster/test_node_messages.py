@@ -6,11 +6,11 @@ import msgspec
 import pytest
 
 from tests.orchestrator.hover import write_hover
-from wil_campaign.campaigns.expansion.expansion import Options, load_campaign
-from wil_campaign.foundation.processes.codec import MessageError
+from wil_campaign.campaigns.expansion.expansion import ExpansionOptions, load_campaign
+from wil_campaign.foundation.processes.codec import ProcessMessageError
 from wil_campaign.orchestrator.campaign.workers.run_workers import WorkerLost
-from wil_campaign.orchestrator.operator.run_messages import Happening, Progress
-from wil_campaign.orchestrator.run_results.run_result import Attempt
+from wil_campaign.orchestrator.operator.run_messages import RunEventReport, RunProgressReport
+from wil_campaign.orchestrator.run_results.run_result import EarlierAttempt
 from wil_campaign.orchestrator.state.return_path import ReturnPath
 from wil_campaign.orchestrator.state.run_setup import RunOrder
 from wil_campaign.plugins.cluster.node_messages import (
@@ -34,12 +34,12 @@ from wil_campaign.worlds.frames import Pose
 
 def order_of(folder: Path) -> RunOrder:
     sets = ("goal.altitude_m=1.25",)
-    plan = load_campaign(write_hover(folder), Options(repetitions=1, sets=sets)).runs[0]
+    plan = load_campaign(write_hover(folder), ExpansionOptions(repetitions=1, sets=sets)).runs[0]
     return RunOrder(
         plan=plan,
         folder=folder / "out\udce9",
         clock="virtual",
-        attempts=(Attempt("ERROR", "worker lost", "a/1"),),
+        attempts=(EarlierAttempt("ERROR", "worker lost", "a/1"),),
         back=ReturnPath(
             stand=Pose.of(1.0, 2.0, 0.0), start=Pose((0.0, 0.0, 0.0)), altitude_m=2.0, speed_m_s=1
         ),
@@ -70,8 +70,10 @@ def test_an_order_whose_texts_are_missing_is_refused(tmp_path: Path) -> None:
 
 def test_a_value_that_no_message_can_have_is_refused_in_words(tmp_path: Path) -> None:
     sets = (f"autonomy={{use: still.py:Still, with: {{ticks: {10**30}}}}}",)
-    plan = load_campaign(write_hover(tmp_path), Options(repetitions=1, sets=sets)).runs[0]
-    with pytest.raises(MessageError, match="a value of the campaign cannot be sent to a node"):
+    plan = load_campaign(write_hover(tmp_path), ExpansionOptions(repetitions=1, sets=sets)).runs[0]
+    with pytest.raises(
+        ProcessMessageError, match="a value of the campaign cannot be sent to a node"
+    ):
         encode_to_node(RunOrdered(RunOrder(plan=plan, folder=tmp_path, clock="virtual"), "a"))
 
 
@@ -83,8 +85,8 @@ def test_names_of_files_need_not_be_utf_8() -> None:
 
 
 def test_messages_to_the_campaign_are_the_same_there() -> None:
-    progress = Progress("a", "sim", 1, "goal", 2.0, skew_ms=3.5)
-    happening = Happening("a/sim/1", 1.0, "guard", "hold", "real", "text")
+    progress = RunProgressReport("a", "sim", 1, "goal", 2.0, skew_ms=3.5)
+    happening = RunEventReport("a/sim/1", 1.0, "guard", "hold", "real", "text")
     for message in (
         news_message(progress),
         news_message(happening),

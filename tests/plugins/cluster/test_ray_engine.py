@@ -14,16 +14,16 @@ import pytest
 
 from tests.orchestrator.hover import write_hover
 from tests.plugins.cluster.fake_ray import FakeRay
-from wil_campaign.campaigns.expansion.expansion import Campaign, Options, load_campaign
+from wil_campaign.campaigns.expansion.expansion import Campaign, ExpansionOptions, load_campaign
 from wil_campaign.orchestrator.campaign.campaign_runner import (
     CampaignOutcome,
     fly_campaign,
 )
-from wil_campaign.orchestrator.campaign.flight_options import Cleared, FlightOptions
+from wil_campaign.orchestrator.campaign.flight_options import ClearedCampaign, FlightOptions
 from wil_campaign.orchestrator.campaign.workers.run_engine import EngineError
 from wil_campaign.orchestrator.cli import main
 from wil_campaign.orchestrator.cli.progress_display import SilentDisplay
-from wil_campaign.orchestrator.operator.run_messages import Progress
+from wil_campaign.orchestrator.operator.run_messages import RunProgressReport
 from wil_campaign.plugins.cluster import node_agent, ray_agents, ray_engine
 from wil_campaign.plugins.cluster import node_facts as facts
 from wil_campaign.plugins.cluster.node_facts import node_facts, unfit_text
@@ -54,7 +54,7 @@ class MortalAgent(node_agent.NodeAgent):
         self._to.close()
 
     def wait(self) -> None:
-        assert node_agent.await_end(self.pid, 120.0)
+        assert node_agent.await_process_end(self.pid, 120.0)
 
 
 class Acting(SilentDisplay):
@@ -66,7 +66,7 @@ class Acting(SilentDisplay):
         self._at_once = at_once
         self._seen: set[str] = set()
 
-    def progress(self, progress: Progress) -> None:
+    def progress(self, progress: RunProgressReport) -> None:
         self._seen.add(progress.run)
         if self._act is not None and len(self._seen) >= self._at_once:
             act, self._act = self._act, None
@@ -87,7 +87,7 @@ def fly(
     store = open_store(f"file://{out}-store")
     engine = RayEngine(ray, 1, store, idle=hire_agents(ray, workers, cores=1))
     options = FlightOptions(out=out, resume=resume)
-    cleared = Cleared("virtual", jobs, engine=engine)
+    cleared = ClearedCampaign("virtual", jobs, engine=engine)
     try:
         return fly_campaign(campaign, options, cleared, Acting(lambda: act(ray), jobs))
     finally:
@@ -117,7 +117,7 @@ def events(folder: Path) -> list[str]:
 def test_an_order_that_no_message_can_hold_is_not_in_the_ledger(tmp_path: Path) -> None:
     """A resumed campaign would wait for it, and take it for a flight that was lost."""
     sets = (f"autonomy={{use: still.py:Still, with: {{ticks: {10**30}}}}}",)
-    campaign = load_campaign(write_hover(tmp_path), Options(repetitions=1, sets=sets))
+    campaign = load_campaign(write_hover(tmp_path), ExpansionOptions(repetitions=1, sets=sets))
     with pytest.raises(EngineError, match="cannot be sent to a node"):
         fly(campaign, tmp_path / "out")
     (ledger,) = (tmp_path / "out").glob("**/ledger.jsonl")
@@ -132,11 +132,11 @@ def test_a_cluster_flies_the_same_to_the_byte_from_files_that_travel(
 ) -> None:
     path, source = write_hover(tmp_path), tmp_path / "still.py"
     source.write_text(PRINTS + source.read_text())
-    campaign = load_campaign(path, Options(repetitions=1))
+    campaign = load_campaign(path, ExpansionOptions(repetitions=1))
     local = fly_campaign(
         campaign,
         FlightOptions(out=tmp_path / "local"),
-        Cleared("virtual", 1),
+        ClearedCampaign("virtual", 1),
         SilentDisplay(),
     )
     monkeypatch.setenv("RAY_AUTH_TOKEN", "secret")
@@ -159,7 +159,7 @@ def test_a_worker_that_dies_in_flight_takes_one_run_which_is_not_flown_again(
 ) -> None:
     path = write_hover(tmp_path)
     path.write_text(path.read_text().replace("autonomy: still.py:Still", NEAR_ENDLESS))
-    campaign = load_campaign(path, Options(repetitions=1))
+    campaign = load_campaign(path, ExpansionOptions(repetitions=1))
     flown = fly(campaign, tmp_path / "out", act=lambda ray: ray.actors[0].die())
     (run,) = flown.summary.runs
     assert (run.verdict, flown.exit_code) == ("ERROR", 3)
@@ -183,7 +183,7 @@ def test_a_lost_node_keeps_a_campaign_from_nothing_that_others_fly(
     path = write_hover(tmp_path, waits_for=lost)
     longer = "autonomy: {use: still.py:Still, with: {ticks: 1200}}"
     path.write_text(path.read_text().replace("autonomy: still.py:Still", longer))
-    campaign = load_campaign(path, Options(repetitions=4))
+    campaign = load_campaign(path, ExpansionOptions(repetitions=4))
     began_s = time.monotonic()
     flown = fly(campaign, tmp_path / "out", act=lose_node, workers=2, jobs=2)
     # It was waited for a place for the lost one's successor, for five minutes.
@@ -326,10 +326,10 @@ def test_an_attached_vehicle_is_not_flown_over_a_cluster(
 
 def test_a_node_with_other_plugins_of_others_does_not_fly(monkeypatch: pytest.MonkeyPatch) -> None:
     """An oracle of another version judges otherwise, and no file of the campaign differs."""
-    monkeypatch.setattr(facts, "of_others", lambda: {"lab": "wil-lab 1.2"})
+    monkeypatch.setattr(facts, "third_party_plugins", lambda: {"lab": "wil-lab 1.2"})
     here = node_facts()
     for there, said in ({"lab": "wil-lab 1.1"}, "lab (wil-lab 1.1)"), ({}, "none"):
-        monkeypatch.setattr(facts, "of_others", partial(dict, there))
+        monkeypatch.setattr(facts, "third_party_plugins", partial(dict, there))
         found = unfit_text(here, node_facts())
         assert f"plugins is {said}, here it is lab (wil-lab 1.2)" in found
     assert unfit_text(node_facts(), node_facts()) == ""

@@ -13,12 +13,12 @@ import pytest
 from tests.orchestrator.hover import write_hover
 from tests.plugins.cluster.fake_ray import FakeRay
 from tests.plugins.cluster.test_ray_engine import Acting, MortalAgent, contents, events
-from wil_campaign.campaigns.expansion.expansion import Options, load_campaign
+from wil_campaign.campaigns.expansion.expansion import ExpansionOptions, load_campaign
 from wil_campaign.orchestrator.campaign.campaign_runner import (
     CampaignOutcome,
     fly_campaign,
 )
-from wil_campaign.orchestrator.campaign.flight_options import Cleared, FlightOptions
+from wil_campaign.orchestrator.campaign.flight_options import ClearedCampaign, FlightOptions
 from wil_campaign.orchestrator.campaign.folder.campaign_folder import OutputError
 from wil_campaign.orchestrator.campaign.workers.run_engine import EngineError
 from wil_campaign.orchestrator.campaign.workers.run_workers import WorkerLost
@@ -62,12 +62,12 @@ def fly(
     resume: bool = False,
     repetitions: int = 1,
 ) -> CampaignOutcome:
-    campaign = load_campaign(path, Options(repetitions=repetitions))
+    campaign = load_campaign(path, ExpansionOptions(repetitions=repetitions))
     ray = FakeRay(MortalAgent)
     place = open_store(f"file://{store}", LIMITS)
     engine = RayEngine(ray, 1, place, idle=hire_agents(ray, 1, cores=1))
     options = FlightOptions(out=out, resume=resume)
-    cleared = Cleared("virtual", 1, engine=engine)
+    cleared = ClearedCampaign("virtual", 1, engine=engine)
     try:
         return fly_campaign(campaign, options, cleared, Acting(lambda: act(ray)))
     finally:
@@ -89,11 +89,11 @@ def test_results_through_a_store_are_the_same_to_the_byte(
     tmp_path: Path, store: Path, node_folders: Path
 ) -> None:
     path = write_hover(tmp_path)
-    campaign = load_campaign(path, Options(repetitions=2))
+    campaign = load_campaign(path, ExpansionOptions(repetitions=2))
     local = fly_campaign(
         campaign,
         FlightOptions(out=tmp_path / "local"),
-        Cleared("virtual", 1),
+        ClearedCampaign("virtual", 1),
         SilentDisplay(),
     )
     flown = fly(path, tmp_path / "cluster", store, repetitions=2)
@@ -202,7 +202,7 @@ class IdleWorkers:
 async def test_a_node_that_is_deserted_before_a_run_begins_says_so_in_the_store(
     tmp_path: Path, store: Path
 ) -> None:
-    plan = load_campaign(write_hover(tmp_path), Options(repetitions=1)).runs[0]
+    plan = load_campaign(write_hover(tmp_path), ExpansionOptions(repetitions=1)).runs[0]
     order = RunOrder(plan=plan, folder=tmp_path / "out" / plan.name, clock="virtual")
     place, run = open_store(f"file://{store}", LIMITS), "hover/1/default/sim/1/a"
     write_session(place, "hover/1", "session")
@@ -253,12 +253,12 @@ def test_an_order_of_an_earlier_start_is_refused_by_the_store(tmp_path: Path, st
         def finished(self, result: object) -> None:
             resumed_elsewhere(result)
 
-    campaign = load_campaign(write_hover(tmp_path), Options(repetitions=2))
+    campaign = load_campaign(write_hover(tmp_path), ExpansionOptions(repetitions=2))
     ray = FakeRay(MortalAgent)
     place = open_store(f"file://{store}", LIMITS)
     engine = RayEngine(ray, 1, place, idle=hire_agents(ray, 1, cores=1))
     options = FlightOptions(out=tmp_path / "out")
-    cleared = Cleared("virtual", 1, engine=engine)
+    cleared = ClearedCampaign("virtual", 1, engine=engine)
     try:
         flown = fly_campaign(campaign, options, cleared, Meddling())
     finally:

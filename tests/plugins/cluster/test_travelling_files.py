@@ -11,7 +11,10 @@ from tests.orchestrator.hover import write_hover
 from wil_campaign.campaigns.expansion.expansion import load_campaign
 from wil_campaign.foundation.files.documents import BadInput
 from wil_campaign.foundation.files.user_modules import user_files
-from wil_campaign.orchestrator.campaign.folder.manifest import manifest, read_files
+from wil_campaign.orchestrator.campaign.folder.manifest import (
+    campaign_manifest,
+    files_read_by_campaign,
+)
 from wil_campaign.orchestrator.campaign.workers.run_order import resolve_order
 from wil_campaign.orchestrator.state.run_setup import RunOrder
 from wil_campaign.plugins.cluster import ray_engine
@@ -30,7 +33,7 @@ def test_a_campaign_is_read_where_it_was_unpacked_and_nowhere_else(tmp_path: Pat
     here, there = tmp_path / "here", tmp_path / "there"
     here.mkdir()
     campaign = load_campaign(write_hover(here))
-    sent = pack_files(read_files(campaign), [str(here), "/nowhere"])
+    sent = pack_files(files_read_by_campaign(campaign), [str(here), "/nowhere"])
     unpack_files(sent, there)
     plan = campaign.runs[0]
     order = resolve_order(RunOrder(plan=plan, folder=tmp_path / "out", clock="virtual"))
@@ -50,7 +53,7 @@ def test_a_campaign_is_read_where_it_was_unpacked_and_nowhere_else(tmp_path: Pat
 def unpacked(campaign: Path, there: Path, search_path: Iterable[str] = ()) -> RunOrder:
     """Send a campaign's files there and return its first order as a node flies it."""
     loaded = load_campaign(campaign)
-    unpack_files(pack_files(read_files(loaded), search_path), there)
+    unpack_files(pack_files(files_read_by_campaign(loaded), search_path), there)
     order = RunOrder(plan=loaded.runs[0], folder=there / "out", clock="virtual")
     return relocate_order(resolve_order(order), there)
 
@@ -103,7 +106,7 @@ def test_the_manifest_has_the_files_behind_symlinks(tmp_path: Path) -> None:
     campaign = write_hover(tmp_path)
     (tmp_path / "still.py").rename(tmp_path / "other.py")
     (tmp_path / "still.py").symlink_to("other.py")
-    files = manifest(load_campaign(campaign), "virtual")["files"]
+    files = campaign_manifest(load_campaign(campaign), "virtual")["files"]
     assert isinstance(files, dict)
     assert set(files) == {"hover.yaml", "other.py", "world.yaml"}
 
@@ -121,7 +124,7 @@ def test_a_file_that_is_named_absolutely_has_to_be_the_same_on_the_node(
     named = f"{{use: '{paths['elsewhere.py']}:Still', with: {{model: ~/net.onnx}}}}"
     campaign.write_text(campaign.read_text().replace("still.py:Still", named))
     loaded = load_campaign(campaign)
-    sent = pack_files(read_files(loaded), [], ray_engine.files_named_absolutely(loaded))
+    sent = pack_files(files_read_by_campaign(loaded), [], ray_engine.files_named_absolutely(loaded))
     assert [one.name for one in sent.in_place] == [paths["elsewhere.py"], Path("~/net.onnx")]
     assert different_in_place(sent) == ""
     for path, name in ((paths["net.onnx"], "~/net.onnx"), (paths["elsewhere.py"], "elsewhere.py")):

@@ -13,7 +13,7 @@ from aiohttp.web import Application, Request
 from tests.orchestrator.operator.controllers import FakeFleet, make_controller
 from tests.ports import free_port
 from wil_campaign.orchestrator.operator.operator_channels import open_operator_channels
-from wil_campaign.orchestrator.operator.run_messages import Progress
+from wil_campaign.orchestrator.operator.run_messages import RunProgressReport
 from wil_campaign.plugins.console.console_access import ConsoleAccess, Role
 from wil_campaign.plugins.console.console_address import ConsoleAddress, RequestRules
 from wil_campaign.plugins.console.console_hub import ConsoleHub
@@ -82,7 +82,7 @@ async def console(
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(short_folder))
     made = Console(tmp_path, free_port())
     controller = make_controller(tmp_path, made.fleet)
-    controller.news(Progress("large", "wil", 1, "goal", 12.0, verdict_so_far="PASS"))
+    controller.news(RunProgressReport("large", "wil", 1, "goal", 12.0, verdict_so_far="PASS"))
     async with open_operator_channels(controller):
         await made.server.start_server()
         yield made

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from wil_campaign.orchestrator.operator.campaign_records import CampaignRecord, Place
+from wil_campaign.orchestrator.operator.campaign_records import CampaignRecord, OperatorPlace
 from wil_campaign.plugins.console import campaign_poller
 from wil_campaign.plugins.console.campaign_poller import CampaignPoller
 from wil_campaign.plugins.console.flight_scope import FlightScope
@@ -25,7 +25,7 @@ def test_verdicts_have_their_reasons_and_outlive_a_program_that_died(
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(short_folder))
     finished = {"small/wil/5": "ERROR", "small/wil/6": "PASS"}
 
-    def answer(place: Place) -> dict[str, Any]:
+    def answer(place: OperatorPlace) -> dict[str, Any]:
         return {"name": place.name, "folder": str(place.folder), "finished": finished}
 
     monkeypatch.setattr(campaign_poller, "_status", answer)

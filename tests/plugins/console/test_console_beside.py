@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from wil_campaign.plugins.console.console_address import ConsoleError, OptionError
+from wil_campaign.plugins.console.console_address import ConsoleError, ConsoleOptionError
 from wil_campaign.plugins.console.console_beside import console_beside, server_options
 
 
@@ -26,14 +26,14 @@ def test_the_options_of_the_server(text: str, options: str) -> None:
 
 @pytest.mark.parametrize("text", ["auto,a.pem", "auto,,a.key", "auto,a.pem,", "auto,a,b,c"])
 def test_a_certificate_and_its_key_go_together(text: str) -> None:
-    with pytest.raises(OptionError, match="give ADDRESS, or ADDRESS,CERTIFICATE,KEY"):
+    with pytest.raises(ConsoleOptionError, match="give ADDRESS, or ADDRESS,CERTIFICATE,KEY"):
         server_options(text)
-    assert OptionError.code == 2
+    assert ConsoleOptionError.code == 2
 
 
 @pytest.mark.parametrize("text", ["lab:port", ":99999", "lab.example:8470", "0.0.0.0,a.pem,a.key"])
 def test_an_address_of_no_use_is_refused_before_a_process_is_started(text: str) -> None:
-    with pytest.raises(OptionError):
+    with pytest.raises(ConsoleOptionError):
         server_options(text)
 
 

@@ -18,7 +18,11 @@ from wil_campaign.orchestrator.live_feed.feed_messages import (
     VehicleView,
 )
 from wil_campaign.plugins.console.console_access import Role
-from wil_campaign.plugins.console.console_address import ConsoleAddress, ConsoleError, require_safe
+from wil_campaign.plugins.console.console_address import (
+    ConsoleAddress,
+    ConsoleError,
+    require_safe_console_address,
+)
 from wil_campaign.plugins.console.console_server import POLICY
 from wil_campaign.plugins.console.page_commands import MAX_BODY_BYTES
 from wil_campaign.plugins.console.playback import Playback
@@ -335,12 +339,12 @@ async def test_images_wait_for_a_page_and_only_the_newest_is_kept(console: Conso
 @pytest.mark.parametrize("text", ["0.0.0.0", "192.168.1.4:8000", "[::]:1", "hall.example"])  # noqa: S104
 def test_an_address_that_others_reach_needs_tls(text: str) -> None:
     with pytest.raises(ConsoleError):
-        require_safe(ConsoleAddress.parse(text), tls=False)
+        require_safe_console_address(ConsoleAddress.parse(text), tls=False)
 
 
 @pytest.mark.parametrize("text", ["", "127.0.0.1", ":8000", "localhost:1", "[::1]:8000"])
 def test_loopback_is_safe_without_tls(text: str) -> None:
-    require_safe(ConsoleAddress.parse(text), tls=False)
+    require_safe_console_address(ConsoleAddress.parse(text), tls=False)
 
 
 @pytest.mark.parametrize("text", ["a b", "host:99999", "http://127.0.0.1:1", ":x"])

@@ -14,8 +14,8 @@ from wil_campaign.plugins.console.flight_scope import FlightScope
 from wil_campaign.plugins.console.page_commands import CommandSender, PageCommand
 from wil_campaign.safety.guard.process.orphaned_processes import (
     GuardRecord,
-    remove_record,
-    write_record,
+    remove_guard_record,
+    write_guard_record,
 )
 from wil_campaign.safety.guard.process.runtime_folder import open_runtime_folder
 
@@ -40,11 +40,11 @@ def guard(run: Path, campaign: Path | None = None) -> Iterator[None]:
         since_s=0.0,
         campaign="" if campaign is None else str(campaign),
     )
-    write_record(runtime, record)
+    write_guard_record(runtime, record)
     try:
         yield
     finally:
-        remove_record(runtime, me)
+        remove_guard_record(runtime, me)
 
 
 def test_a_program_s_console_is_for_its_campaign_alone(tmp_path: Path) -> None:

@@ -21,7 +21,11 @@ from wil_campaign.orchestrator.live_feed.feed_messages import (
     RunView,
     VehicleView,
 )
-from wil_campaign.orchestrator.operator.campaign_records import Place, Places, places
+from wil_campaign.orchestrator.operator.campaign_records import (
+    OperatorPlace,
+    OperatorPlaces,
+    operator_places,
+)
 
 pytestmark = pytest.mark.skipif(chromium() is None, reason="chromium is not installed")
 FOLDER = "/results/gate/20261123T160236Z"
@@ -415,10 +419,12 @@ async def test_two_campaigns_are_named_and_their_flying_vehicles_are_summed(
 async def test_an_abort_that_one_of_two_campaigns_does_not_confirm_is_red_and_names_it(
     console: Console, short_folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    (gate,) = places().campaigns
+    (gate,) = operator_places().campaigns
     with silent_place("hall", short_folder / "hall", short_folder / "hall.sock") as hall:
-        flying = Places((gate, hall), ())
-        monkeypatch.setattr("wil_campaign.plugins.console.flight_scope.places", lambda: flying)
+        flying = OperatorPlaces((gate, hall), ())
+        monkeypatch.setattr(
+            "wil_campaign.plugins.console.flight_scope.operator_places", lambda: flying
+        )
 
         def seen(feed: FakeFeed) -> None:
             page = feed.page
@@ -442,14 +448,14 @@ async def test_an_abort_that_one_of_two_campaigns_does_not_confirm_is_red_and_na
 async def test_an_abort_is_answered_for_each_campaign(
     console: Console, short_folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    (gate,) = places().campaigns
+    (gate,) = operator_places().campaigns
     client = await console.client("operator")
     folder = short_folder / "hall"
     with silent_place("hall", folder, short_folder / "hall.sock") as hall:
-        guard = Place("hall's run", folder / "large/wil/1", gate.socket)
+        guard = OperatorPlace("hall's run", folder / "large/wil/1", gate.socket)
         for guards, ok in (((), False), ((guard,), True)):
-            flying = Places((gate, hall), guards)
-            scope = "wil_campaign.plugins.console.flight_scope.places"
+            flying = OperatorPlaces((gate, hall), guards)
+            scope = "wil_campaign.plugins.console.flight_scope.operator_places"
             monkeypatch.setattr(scope, lambda: flying)  # noqa: B023
             done = await console.post(client, "/command", {"command": "abort"})
             reply = await done.json()

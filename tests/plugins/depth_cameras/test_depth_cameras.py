@@ -22,7 +22,7 @@ from wil_campaign.plugins.depth_cameras.rtp_depth import (
     rtp_depth_fault,
 )
 from wil_campaign.vehicles.readings import DepthReading
-from wil_campaign.vehicles.readings.checks import fault_of
+from wil_campaign.vehicles.readings.checks import reading_fault
 from wil_campaign.vehicles.sources.camera_source import SourceError, SourceStalledError
 from wil_campaign.vehicles.sources.source_request import SourceRequest
 from wil_campaign.worlds.camera import Intrinsics
@@ -101,7 +101,7 @@ async def test_a_real_encoder_s_16_bits_arrive_as_they_were() -> None:
         encoder.close()
     for reading in found:
         assert isinstance(reading, DepthReading)
-        assert fault_of(reading) is None
+        assert reading_fault(reading) is None
         first = next(k for k, values in enumerate(sent) if values[0, 1] == round_mm(reading)[0, 1])
         assert np.array_equal(round_mm(reading), sent[first])
         assert math.isinf(reading.depth_m[5, 5]), "0 is nothing"

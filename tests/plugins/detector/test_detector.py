@@ -11,12 +11,12 @@ from hypothesis import strategies as st
 from tests.vehicles.tiny_onnx import INPUT_PX, NAMES, noise, tiny_detector, truncated
 from wil_campaign.plugins.detector import network_trial
 from wil_campaign.plugins.detector.detector import (
-    Candidates,
+    DetectorCandidates,
     DetectorError,
     OnnxDetector,
-    decoded,
-    letterboxed,
-    surest,
+    decoded_candidates,
+    letterboxed_image,
+    surest_candidates,
 )
 from wil_campaign.plugins.detector.onnx_names import class_names
 
@@ -66,7 +66,7 @@ def test_boxes_of_a_wide_picture_are_not_those_of_the_letterbox(tmp_path: Path) 
 
 @given(st.integers(1, 300), st.integers(1, 300))
 def test_a_letterbox_keeps_the_shape(width: int, height: int) -> None:
-    laid, how = letterboxed(np.zeros((height, width, 3), np.uint8), (64, 48))
+    laid, how = letterboxed_image(np.zeros((height, width, 3), np.uint8), (64, 48))
     assert laid.shape == (48, 64, 3)
     assert width * how.scale <= 64 + 1e-9
     assert height * how.scale <= 48 + 1e-9
@@ -159,9 +159,9 @@ def test_a_damaged_file_states_no_classes(tmp_path: Path, content: bytes) -> Non
 
 def test_an_output_of_too_few_names_says_how_many_classes_there_are() -> None:
     with pytest.raises(DetectorError, match="for 3 classes; as v8 it has 80 classes: name all"):
-        decoded(np.zeros((1, 84, 8400), np.float32), 3, "auto")
+        decoded_candidates(np.zeros((1, 84, 8400), np.float32), 3, "auto")
     with pytest.raises(DetectorError, match="for 3 classes; as v5 it has 80 classes: name all"):
-        decoded(np.zeros((1, 25200, 85), np.float32), 3, "auto")
+        decoded_candidates(np.zeros((1, 25200, 85), np.float32), 3, "auto")
 
 
 @pytest.mark.parametrize(
@@ -170,16 +170,16 @@ def test_an_output_of_too_few_names_says_how_many_classes_there_are() -> None:
 )
 def test_an_output_of_no_layout(shape: Any, classes: int, layout: Any) -> None:
     with pytest.raises(DetectorError):
-        decoded(np.zeros(shape, np.float32), classes, layout)
+        decoded_candidates(np.zeros(shape, np.float32), classes, layout)
 
 
 def test_an_output_of_two_layouts_needs_the_layout_stated() -> None:
     """One class: six numbers are those of v5, and of an export with NMS."""
     row = np.array([[[10, 20, 30, 40, 0.9, 0]]], np.float32)
     with pytest.raises(DetectorError, match=r"v5 and end2end; state layout: v5 or end2end"):
-        decoded(row, 1, "auto")
-    assert decoded(row, 1, "end2end").boxes.tolist() == [[10, 20, 30, 40]]
-    assert decoded(row, 1, "v5").boxes.tolist() == [[-5, 0, 25, 40]]
+        decoded_candidates(row, 1, "auto")
+    assert decoded_candidates(row, 1, "end2end").boxes.tolist() == [[10, 20, 30, 40]]
+    assert decoded_candidates(row, 1, "v5").boxes.tolist() == [[-5, 0, 25, 40]]
 
 
 def test_an_output_of_two_layouts_is_refused_before_a_flight(tmp_path: Path) -> None:
@@ -193,10 +193,12 @@ def test_a_class_without_a_name_is_an_error_that_says_so(tmp_path: Path) -> None
     options: Any = {"input_px": (INPUT_PX, INPUT_PX), "layout": "end2end"}
     found = OnnxDetector(path, names=NAMES, **options)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("wil_campaign.plugins.detector.detector.decoded", _of_classes(1, 2))
+        patch.setattr(
+            "wil_campaign.plugins.detector.detector.decoded_candidates", _of_classes(1, 2)
+        )
         with pytest.raises(DetectorError, match=r"found class 2, but has 2 names \(classes 0 to 1"):
             found.detect(picture())
-        patch.setattr("wil_campaign.plugins.detector.detector.decoded", _of_classes(-1))
+        patch.setattr("wil_campaign.plugins.detector.detector.decoded_candidates", _of_classes(-1))
         with pytest.raises(DetectorError, match="found class -1"):
             found.detect(picture())
 
@@ -204,7 +206,7 @@ def test_a_class_without_a_name_is_an_error_that_says_so(tmp_path: Path) -> None
 def _of_classes(*kinds: int) -> Any:
     many = len(kinds)
     boxes = np.array([[8 * k, 0, 8 * k + 4, 4] for k in range(many)], np.float32)
-    given_output = Candidates(boxes, np.full(many, 0.9, np.float32), np.array(kinds))
+    given_output = DetectorCandidates(boxes, np.full(many, 0.9, np.float32), np.array(kinds))
     return lambda *_: given_output
 
 
@@ -212,11 +214,13 @@ def test_candidates_that_are_not_finite_are_left_out() -> None:
     rows = np.ones((1, 3, 7), np.float32)
     rows[0, 1, 2] = np.nan
     rows[0, 2, 0] = np.inf
-    assert len(decoded(rows, 2, "v5").scores) == 1
+    assert len(decoded_candidates(rows, 2, "v5").scores) == 1
 
 
-def best(found: Candidates, threshold: float, overlap: float) -> list[tuple[int, float, Any]]:
-    kept = surest(found, threshold, overlap)
+def best(
+    found: DetectorCandidates, threshold: float, overlap: float
+) -> list[tuple[int, float, Any]]:
+    kept = surest_candidates(found, threshold, overlap)
     return [(int(found.kinds[i]), float(found.scores[i]), found.boxes[i]) for i in kept]
 
 
@@ -263,7 +267,7 @@ def test_the_surest_of_boxes_that_cover_each_other_stays(given_boxes: Any) -> No
     array[:, 2:] += array[:, :2]
     scores = np.array([s for _, s, _ in given_boxes], np.float32)
     kinds = np.array([k for _, _, k in given_boxes], np.int64)
-    found = best(Candidates(array, scores, kinds), 0.3, 0.5)
+    found = best(DetectorCandidates(array, scores, kinds), 0.3, 0.5)
     assert [score for _, score, _ in found] == sorted((s for _, s, _ in found), reverse=True)
     assert all(score >= np.float32(0.3) for _, score, _ in found)
 
@@ -284,5 +288,5 @@ def test_boxes_at_the_largest_single_are_no_overflow() -> None:
     boxes = np.array([[-huge, -huge, huge, huge]] * 2, np.float32)
     scores, kinds = np.array([0.9, 0.8], np.float32), np.array([0, 0])
     with np.errstate(all="raise"):
-        found = best(Candidates(boxes, scores, kinds), 0.3, 0.5)
+        found = best(DetectorCandidates(boxes, scores, kinds), 0.3, 0.5)
     assert [score for _, score, _ in found] == [pytest.approx(0.9)]

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from wil_campaign.foundation.files.documents import load
+from wil_campaign.foundation.files.documents import load_document
 from wil_campaign.plugins.detector.shipped_detector import NAMES, shipped_detector
 from wil_campaign.vehicles.readings import BgrImage
 from wil_campaign.worlds.camera import Intrinsics
@@ -23,7 +23,7 @@ Box = tuple[float, float, float, float]
 
 def frames(name: str, thing: str, times: np.ndarray) -> Iterator[tuple[BgrImage, Box | None]]:
     """Yield images of a world as the vehicle's camera has them, and where the thing is in them."""
-    scene = World.parse(load(WORLDS / f"{name}.yaml")).scene("sim", "Wv")
+    scene = World.parse(load_document(WORLDS / f"{name}.yaml")).scene("sim", "Wv")
     renderer = Renderer(scene)
     for t_s in times:
         made = renderer.render(EYE, CAMERA, float(t_s), {"goal": 0.0}, want_depth=False)
@@ -69,7 +69,7 @@ def test_the_shipped_detector_finds_the_things_of_shipped_campaigns(
 
 
 def test_an_empty_cage_has_nobody_in_it() -> None:
-    scene = World.parse(load(WORLDS / "gate.yaml")).scene("real", "Wv")
+    scene = World.parse(load_document(WORLDS / "gate.yaml")).scene("real", "Wv")
     renderer = Renderer(scene)
     detector = shipped_detector()
     for yaw_deg in range(0, 360, 30):

@@ -18,7 +18,7 @@ from tests.ports import free_port
 from wil_campaign.foundation.processes.identity import ProcessId
 from wil_campaign.orchestrator.cli import main
 from wil_campaign.plugins.doctor import installed, links, machine, ports, programs
-from wil_campaign.plugins.doctor.findings import Finding, as_text
+from wil_campaign.plugins.doctor.findings import Finding, findings_text
 from wil_campaign.safety.guard.process.orphaned_processes import GuardRecord
 from wil_campaign.worlds.jit import KernelCache
 
@@ -38,7 +38,7 @@ def test_findings_are_reported_by_topic_each_with_its_remedy() -> None:
         Finding("clock", "trouble", "late"),
     ]
     told = "ports\n  ok free\n  -- taken\n     end it\n\nclock\n  !! late"
-    assert as_text(findings) == told
+    assert findings_text(findings) == told
 
 
 def test_missing_packages_are_named() -> None:
@@ -48,13 +48,13 @@ def test_missing_packages_are_named() -> None:
         return "1.0"
 
     needed = ["av>=14", "numpy>=2", "pytest>=8.3; extra == 'test'"]
-    found = only(installed.packages(find, lambda _: needed))
+    found = only(installed.package_findings(find, lambda _: needed))
     assert (found.grade, found.text, found.remedy) == (
         "trouble",
         "wil-campaign 1.0 lacks numpy",
         "pip install numpy",
     )
-    good = only(installed.packages(lambda _: "1.0", lambda _: needed))
+    good = only(installed.package_findings(lambda _: "1.0", lambda _: needed))
     assert (good.grade, good.text) == ("good", "wil-campaign 1.0 with the 2 packages that it needs")
 
 
@@ -62,8 +62,8 @@ def test_a_missing_mavsdk_is_a_note_with_its_remedy() -> None:
     def find(name: str) -> str:
         raise PackageNotFoundError(name)
 
-    assert only(installed.drivers(lambda _: "4.1.0")).grade == "good"
-    without = only(installed.drivers(find))
+    assert only(installed.driver_findings(lambda _: "4.1.0")).grade == "good"
+    without = only(installed.driver_findings(find))
     assert (without.grade, without.remedy.split(": ", 2)[-1]) == (
         "note",
         "pip install 'mavsdk>=4.1,<5'",
@@ -78,18 +78,18 @@ def test_a_port_that_is_taken_names_its_holder(protocol: ports.Protocol) -> None
         if protocol == "tcp":
             mine.listen()
         number = mine.getsockname()[1]
-        found = only(ports.usual_ports([ports.UsualPort(number, protocol, "a test")]))
+        found = only(ports.usual_port_findings([ports.UsualPort(number, protocol, "a test")]))
     name = Path("/proc/self/comm").read_text().strip()
     assert found.grade == "note"
     assert found.text == (
         f"{protocol} {number} (a test) is in use by {name} (process {os.getpid()})"
     )
-    free = only(ports.usual_ports([ports.UsualPort(number, protocol, "a test")]))
+    free = only(ports.usual_port_findings([ports.UsualPort(number, protocol, "a test")]))
     assert (free.grade, free.text) == ("good", f"free: {protocol} {number}")
 
 
 def test_autopilots_are_found_in_their_usual_places(tmp_path: Path) -> None:
-    lacking = list(programs.autopilots(tmp_path, lambda _: None))
+    lacking = list(programs.autopilot_program_findings(tmp_path, lambda _: None))
     assert [one.grade for one in lacking] == ["good", "note", "note", "note"]
     for place in (
         "ardupilot/build/sitl/bin/arducopter",
@@ -97,7 +97,10 @@ def test_autopilots_are_found_in_their_usual_places(tmp_path: Path) -> None:
     ):
         (tmp_path / place).parent.mkdir(parents=True)
         (tmp_path / place).write_text("")
-    found = [autopilot.text for autopilot in programs.autopilots(tmp_path, lambda _: None)]
+    found = [
+        autopilot.text
+        for autopilot in programs.autopilot_program_findings(tmp_path, lambda _: None)
+    ]
     build = tmp_path / "PX4-Autopilot" / "build" / "px4_sitl_default"
     assert f"PX4: link: {{launch: px4, build: {build}}}" in found
     assert any(text.startswith("ArduCopter: link: {launch: ardupilot") for text in found)
@@ -118,22 +121,22 @@ def test_docker_is_asked_through_its_client(
     client.write_text(f"#!/bin/sh\n{body}\n")
     client.chmod(0o755)
     which = {"docker": str(client)}.get
-    *_, found = programs.autopilots(tmp_path, which)
+    *_, found = programs.autopilot_program_findings(tmp_path, which)
     assert found.grade == grade
     assert said in found.text
 
 
 def test_the_doctor_grades_clocks_and_scheduling() -> None:
     now = datetime(2026, 5, 1, tzinfo=UTC)
-    good = list(machine.clock(0.0004, stalled_s=0.01, synchronised=True, now=now))
+    good = list(machine.clock_findings(0.0004, stalled_s=0.01, synchronised=True, now=now))
     assert [one.grade for one in good] == ["good", "good", "good"]
     bad = datetime(1970, 1, 1, tzinfo=UTC)
-    late, stalled, date = machine.clock(0.03, stalled_s=0.16, synchronised=True, now=bad)
+    late, stalled, date = machine.clock_findings(0.03, stalled_s=0.16, synchronised=True, now=bad)
     assert (late.grade, late.text) == ("trouble", "wakes up 30.0 ms late")
     assert (stalled.grade, "late by up to 160 ms" in stalled.text) == ("trouble", True)
     assert "--clock virtual" in stalled.remedy
     assert (date.grade, date.text) == ("trouble", "the date is 1970-01-01")
-    unsynchronised = machine.clock(0.0, stalled_s=0.0, synchronised=False, now=now)
+    unsynchronised = machine.clock_findings(0.0, stalled_s=0.0, synchronised=False, now=now)
     assert [one.grade for one in unsynchronised] == ["good", "good", "note"]
     assert machine.wakes_late_s() >= 0.0
     good = list(machine.guard_privileges("real-time", in_memory=True))
@@ -149,18 +152,20 @@ def test_the_doctor_grades_clocks_and_scheduling() -> None:
 def test_serial_ports_with_and_without_permission(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    assert only(machine.serial([])).text == "no serial device is plugged in"
+    assert only(machine.serial_port_findings([])).text == "no serial device is plugged in"
     device = tmp_path / "ttyACM0"
     device.write_text("")
-    assert f"serial://{device}:57600" in next(iter(machine.serial([str(device)]))).text
+    assert (
+        f"serial://{device}:57600" in next(iter(machine.serial_port_findings([str(device)]))).text
+    )
     monkeypatch.setattr(os, "access", lambda *_: False)
-    refused = next(iter(machine.serial([str(device)])))
+    refused = next(iter(machine.serial_port_findings([str(device)])))
     assert (refused.grade, refused.text) == ("trouble", f"no permission for {device}")
     assert refused.remedy == "sudo usermod -aG dialout $USER, and log in again"
 
 
 def test_processes_and_backups_that_a_crash_left_are_named(tmp_path: Path) -> None:
-    assert only(machine.orphans((), (), tmp_path / "nothing")).text == "nothing"
+    assert only(machine.orphan_findings((), (), tmp_path / "nothing")).text == "nothing"
     (tmp_path / "000001.parameters.json").write_text("{}")
     with subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE) as child:
         alive = ProcessId.of(child.pid)
@@ -174,7 +179,7 @@ def test_processes_and_backups_that_a_crash_left_are_named(tmp_path: Path) -> No
             since_s=0.0,
             children=(alive,),
         )
-        vehicles, parameters = machine.orphans((), [record], tmp_path)
+        vehicles, parameters = machine.orphan_findings((), [record], tmp_path)
         assert vehicles.grade == "trouble"
         assert (
             f"vehicles of large/wil/1 in results still run (processes {child.pid})" in vehicles.text
@@ -185,16 +190,16 @@ def test_processes_and_backups_that_a_crash_left_are_named(tmp_path: Path) -> No
 
 def test_a_full_disk_and_a_foreign_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(machine, "_LEAST_FREE_BYTES", 1)
-    assert only(machine.disk(tmp_path)).grade == "good"
+    assert only(machine.disk_finding(tmp_path)).grade == "good"
     monkeypatch.setattr(machine, "_LEAST_FREE_BYTES", 10**30)
-    assert only(machine.disk(tmp_path)).grade == "trouble"
+    assert only(machine.disk_finding(tmp_path)).grade == "trouble"
     monkeypatch.setattr(os, "access", lambda *_: False)
-    assert "is not writable" in only(machine.disk(tmp_path)).text
+    assert "is not writable" in only(machine.disk_finding(tmp_path)).text
 
 
 def test_links_of_campaigns_are_tried(tmp_path: Path) -> None:
     shipped = ROOT / "campaigns" / "gate.yaml"
-    assert only(links.campaign_links([shipped])).text.endswith("its vehicles are embedded")
+    assert only(links.campaign_link_findings([shipped])).text.endswith("its vehicles are embedded")
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as mine:
         mine.bind(("127.0.0.1", 0))
         port = mine.getsockname()[1]
@@ -208,10 +213,10 @@ def test_links_of_campaigns_are_tried(tmp_path: Path) -> None:
         (copy.parent / "autonomies").symlink_to(ROOT / "campaigns" / "autonomies")
         for name in ("worlds", "recipes"):
             (tmp_path / name).symlink_to(ROOT / name)
-        busy = only(links.campaign_links([copy]))
+        busy = only(links.campaign_link_findings([copy]))
         assert busy.grade == "trouble", busy
         assert "is in use by another program" in busy.text
-    good = only(links.campaign_links([copy]))
+    good = only(links.campaign_link_findings([copy]))
     assert (good.grade, good.remedy) == (
         "good",
         "to see which vehicle answers: wil-campaign run --no-arm",
@@ -245,12 +250,12 @@ def test_a_missing_driver_or_broker_keeps_a_campaign_from_flying(
     )
     file.write_text(f"{text}operator: {{mqtt: {{broker: 'mqtt://127.0.0.1:{port}'}}}}\n")
     with socket.create_server(("127.0.0.1", port)):
-        assert [campaign_link.grade for campaign_link in links.campaign_links([file])] == [
+        assert [campaign_link.grade for campaign_link in links.campaign_link_findings([file])] == [
             "good",
             "good",
         ]
-    monkeypatch.setattr(links, "is_there", lambda _: False)
-    _, driver, broker = links.campaign_links([file])
+    monkeypatch.setattr(links, "is_package_installed", lambda _: False)
+    _, driver, broker = links.campaign_link_findings([file])
     assert (driver.grade, broker.grade) == ("trouble", "trouble")
     assert driver.text == f"{file}: twin: the driver mavsdk is not installed"
     assert f"{file}: the broker mqtt://127.0.0.1:{port} does not answer" in broker.text
@@ -259,18 +264,20 @@ def test_a_missing_driver_or_broker_keeps_a_campaign_from_flying(
 def test_the_doctor_says_where_kernels_are_cached(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    good = only(machine.kernels(KernelCache(tmp_path / "kernels-1", ())))
+    good = only(machine.kernel_cache_finding(KernelCache(tmp_path / "kernels-1", ())))
     assert (good.grade, good.text) == (
         "good",
         f"compiled kernels are cached in {tmp_path}/kernels-1, which is writable",
     )
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
-    last = only(machine.kernels(KernelCache(tmp_path / "kernels-1", ("/a is not writable",))))
+    last = only(
+        machine.kernel_cache_finding(KernelCache(tmp_path / "kernels-1", ("/a is not writable",)))
+    )
     assert (last.grade, last.text.rpartition(", ")[2]) == (
         "note",
         "which may not be kept: /a is not writable",
     )
-    none = only(machine.kernels(KernelCache(None, ("/a is not writable",))))
+    none = only(machine.kernel_cache_finding(KernelCache(None, ("/a is not writable",))))
     assert none.grade == "note"
     assert none.text.startswith("compiled kernels are cached nowhere")
     assert last.remedy == none.remedy == "set NUMBA_CACHE_DIR to a folder of your own that is kept"
@@ -280,16 +287,16 @@ def test_the_doctor_says_where_sockets_are(
     short_folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(short_folder))
-    found = only(machine.sockets())
+    found = only(machine.socket_folder_finding())
     assert (found.grade, found.text) == ("good", f"sockets are in {short_folder}/wil-campaign")
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(short_folder / ("x" * 90)))
-    found = only(machine.sockets())
+    found = only(machine.socket_folder_finding())
     assert found.grade == "note"
     assert found.text.startswith("XDG_RUNTIME_DIR is too long for paths of sockets; ")
 
 
 def test_results_in_a_folder_that_is_not_utf8_are_trouble(tmp_path: Path) -> None:
-    found = only(machine.disk(tmp_path / os.fsdecode(b"n\xff")))
+    found = only(machine.disk_finding(tmp_path / os.fsdecode(b"n\xff")))
     assert found.grade == "trouble"
     assert found.text.endswith("in its path is not UTF-8: rename it")
 

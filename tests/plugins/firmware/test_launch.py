@@ -15,13 +15,21 @@ import pytest
 from tests.plugins.firmware.launched_vehicle import LaunchedVehicle
 from wil_campaign.foundation.processes.identity import ProcessId, boot_id
 from wil_campaign.plugins.ardupilot.launch import ArduPilotLaunch
-from wil_campaign.plugins.firmware.launch_plan import Port
-from wil_campaign.plugins.firmware.launch_records import RECORD, LaunchRecord, find_orphans
-from wil_campaign.plugins.firmware.prepared_launch import PreparedLaunch, is_free, receive_instance
+from wil_campaign.plugins.firmware.launch_plan import LaunchPort
+from wil_campaign.plugins.firmware.launch_records import (
+    RECORD,
+    LaunchRecord,
+    find_orphaned_launches,
+)
+from wil_campaign.plugins.firmware.prepared_launch import (
+    PreparedLaunch,
+    is_port_free,
+    receive_instance,
+)
 from wil_campaign.plugins.firmware.px4_launch import Px4Launch
-from wil_campaign.vehicles.launch import Home, LaunchError
+from wil_campaign.vehicles.launch import LaunchError, LaunchHome
 
-HOME = Home(47.4, 8.5, 488.0, 90.0)
+HOME = LaunchHome(47.4, 8.5, 488.0, 90.0)
 
 
 def _vehicle(sims: Any, binary: Path, name: str = "real", **options: Any) -> LaunchedVehicle:
@@ -47,7 +55,7 @@ async def test_ardupilot_runs_and_ends(sims: Any) -> None:
         assert arguments[arguments.index("--home") + 1] == "47.4000000,8.5000000,488.00,90.0"
     assert sims.gone(pid, 0.0)
     assert "Waiting for connection" in vehicle.output.read_text()
-    assert is_free(Port(port, "tcp"))
+    assert is_port_free(LaunchPort(port, "tcp"))
     assert not sims.files(RECORD)
     del reader
 
@@ -260,7 +268,7 @@ def test_all_end_when_we_are_killed(sims: Any) -> None:
     _kill(owner)
     assert sims.gone(sims.pid_of(binary))
     assert sims.gone(supervisor)
-    assert find_orphans(sims.folder) == ()
+    assert find_orphaned_launches(sims.folder) == ()
 
 
 def test_orphans_are_found_named_and_ended(sims: Any) -> None:
@@ -270,18 +278,18 @@ def test_orphans_are_found_named_and_ended(sims: Any) -> None:
     owner, supervisor = _owner(binary, folder, sims.locks)
     child = int(sims.beside(binary, "child"))
     sims.mourned += [supervisor, child]
-    assert find_orphans(sims.folder) == (), "its owner lives"
+    assert find_orphaned_launches(sims.folder) == (), "its owner lives"
     os.kill(supervisor, signal.SIGKILL)
     _kill(owner)
     assert sims.gone(sims.pid_of(binary)), "the kernel ends it with its supervisor"
-    (found,) = find_orphans(sims.folder)
+    (found,) = find_orphaned_launches(sims.folder)
     assert found.label == "ArduPilot SITL"
     (survivor,) = found.survivors()
     assert survivor == ProcessId.of(child)
     assert Path(found.folder) == folder
     assert survivor.end() == "ended by SIGKILL"
     assert sims.gone(child)
-    assert find_orphans(sims.folder) == ()
+    assert find_orphaned_launches(sims.folder) == ()
 
 
 def _record(folder: Path, **fields: Any) -> LaunchRecord:
@@ -297,22 +305,22 @@ def _record(folder: Path, **fields: Any) -> LaunchRecord:
 
 def test_an_id_that_was_used_again_is_no_orphan(tmp_path: Path) -> None:
     own = ProcessId.own()
-    assert find_orphans(tmp_path) == ()
+    assert find_orphaned_launches(tmp_path) == ()
     record = _record(tmp_path / "a")
-    assert find_orphans(tmp_path) == (record,)
+    assert find_orphaned_launches(tmp_path) == (record,)
     assert record.supervisor == ProcessId.of(os.getpid())
     _record(tmp_path / "a", supervisor=ProcessId(own.pid, own.started + 1))
-    assert find_orphans(tmp_path) == ()
+    assert find_orphaned_launches(tmp_path) == ()
     _record(tmp_path / "a", boot_id="another boot")
-    assert find_orphans(tmp_path) == ()
+    assert find_orphaned_launches(tmp_path) == ()
     _record(tmp_path / "a", owner=own)
-    assert find_orphans(tmp_path) == ()
+    assert find_orphaned_launches(tmp_path) == ()
 
 
 @pytest.mark.parametrize("text", ["", "{", "[]", "{}", '{"supervisor": 3}', "\udcff"])
 def test_a_spoilt_record_names_no_process(tmp_path: Path, text: str) -> None:
     (tmp_path / RECORD).write_bytes(text.encode(errors="surrogateescape"))
-    assert find_orphans(tmp_path) == ()
+    assert find_orphaned_launches(tmp_path) == ()
 
 
 def test_instances_avoid_locks_and_busy_ports(sims: Any) -> None:
@@ -324,7 +332,7 @@ def test_instances_avoid_locks_and_busy_ports(sims: Any) -> None:
         assert one.number < two.number
         with socket.socket() as taken:
             free = two.number + 1
-            while not all(is_free(port) for port in launch.ports(free)):
+            while not all(is_port_free(port) for port in launch.ports(free)):
                 free += 1
             taken.bind(("127.0.0.1", launch.ports(free)[1].number))
             taken.listen()

@@ -23,7 +23,7 @@ from wil_campaign.orchestrator.live_feed.feed_messages import (
     VehicleView,
 )
 from wil_campaign.plugins.console.console_address import ConsoleAddress
-from wil_campaign.plugins.foxglove.bridge import Bridge
+from wil_campaign.plugins.foxglove.bridge import FoxgloveBridge
 from wil_campaign.plugins.foxglove.bridge_address import bridge_address
 from wil_campaign.plugins.foxglove.bridge_beside import foxglove_beside
 from wil_campaign.plugins.foxglove.errors import BridgeError
@@ -183,7 +183,7 @@ def image(number: int) -> ImageView:
 def test_the_next_run_resets_clients_and_one_that_never_reads_delays_none() -> None:
     with FoxgloveServer(FREE) as server, listening(server.url) as seen:
         port = int(server.url.rpartition(":")[2])
-        bridge = Bridge(server)
+        bridge = FoxgloveBridge(server)
         bridge.receive(image(0), 0.0)  # Its clock is not known yet.
         for run in ("/a", "/b"):
             bridge.receive(FactsView(run, {"epoch_ns": str(EPOCH_NS)}), 0.0)

@@ -14,13 +14,13 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from wil_campaign.foundation.clocks.virtual_loop import run_virtual
 from wil_campaign.plugins.impaired_links.impaired import ImpairedLink
 from wil_campaign.plugins.impaired_links.impairment import (
-    Bursts,
+    BurstLoss,
     ImpairedDirection,
     Impairment,
     LinkOutage,
 )
 from wil_campaign.vehicles.links.memory import memory_pair
-from wil_campaign.vehicles.mavlink.codec import Codec
+from wil_campaign.vehicles.mavlink.codec import MavlinkCodec
 
 PERIOD_S = 0.01
 
@@ -36,7 +36,7 @@ def _fly(impairment: Impairment, *, count: int = 3000, seed: int = 7) -> list[tu
             incoming=Impairment(),
             rng=np.random.default_rng(seed),
         )
-        codec, reader = (Codec(system_id=1, component_id=1) for _ in range(2))
+        codec, reader = (MavlinkCodec(system_id=1, component_id=1) for _ in range(2))
         arrived: list[tuple[float, int]] = []
 
         def take(data: bytes, t_s: float) -> None:
@@ -90,7 +90,7 @@ def test_the_share_of_lost_frames_is_the_requested_one() -> None:
 
 
 def test_bursts_have_their_length_and_share() -> None:
-    arrived = _fly(Impairment(bursts=Bursts(length_s=0.05, gap_s=0.95)), count=20_000)
+    arrived = _fly(Impairment(bursts=BurstLoss(length_s=0.05, gap_s=0.95)), count=20_000)
     there = {number for _, number in arrived}
     lost = [number not in there for number in range(1, 20_001)]
     runs = [len(list(run)) for gone, run in itertools.groupby(lost) if gone]
@@ -101,7 +101,7 @@ def test_bursts_have_their_length_and_share() -> None:
 
 
 def test_a_burst_lasts_as_long_for_a_way_of_few_frames() -> None:
-    bursts = Bursts(length_s=2.0, gap_s=3.0)
+    bursts = BurstLoss(length_s=2.0, gap_s=3.0)
     assert bursts.chance_within(was_within=True, elapsed_s=0.0) == 1.0
     assert bursts.chance_within(was_within=True, elapsed_s=60.0) == pytest.approx(0.4)
     assert bursts.chance_within(was_within=False, elapsed_s=60.0) == pytest.approx(0.4)
@@ -132,7 +132,9 @@ def test_corrupted_frames_are_no_frames() -> None:
 
 
 def test_bandwidth_delays_and_then_drops() -> None:
-    size = len(Codec(system_id=1, component_id=1).pack(mavlink.MAVLink_timesync_message(0, 300)))
+    size = len(
+        MavlinkCodec(system_id=1, component_id=1).pack(mavlink.MAVLink_timesync_message(0, 300))
+    )
     # Half of what is sent fits.
     rate = 8.0 * size / PERIOD_S / 2.0
     arrived = _fly(Impairment(bandwidth_bit_s=rate, queue_s=0.5), count=1000)
@@ -160,7 +162,9 @@ def test_an_outage_on_demand_holds_both_ways() -> None:
         )
         here: list[Any] = []
         there: list[Any] = []
-        reader_here, reader_there, codec = (Codec(system_id=1, component_id=1) for _ in range(3))
+        reader_here, reader_there, codec = (
+            MavlinkCodec(system_id=1, component_id=1) for _ in range(3)
+        )
         link.receive(lambda data, _: here.extend(reader_here.parse(data)))
         theirs.receive(lambda data, _: there.extend(reader_there.parse(data)))
         async with link, theirs:
@@ -179,7 +183,7 @@ EVERYTHING = Impairment(
     latency_s=0.05,
     jitter_s=0.05,
     loss=0.1,
-    bursts=Bursts(length_s=0.03, gap_s=0.5),
+    bursts=BurstLoss(length_s=0.03, gap_s=0.5),
     duplicate=0.05,
     reorder=0.05,
     corrupt=0.05,
@@ -211,7 +215,7 @@ async def test_it_works_on_the_wall_clock() -> None:
     async with link, theirs:
         sent_s = _now_s()
         link.write(
-            Codec(system_id=1, component_id=1).pack(mavlink.MAVLink_ping_message(1, 1, 0, 0))
+            MavlinkCodec(system_id=1, component_id=1).pack(mavlink.MAVLink_ping_message(1, 1, 0, 0))
         )
         async with asyncio.timeout(5.0):
             assert await arrived.get() - sent_s >= 0.01
@@ -234,7 +238,7 @@ def test_impossible_settings_are_refused(fields: dict[str, Any], words: str) -> 
 
 def test_impossible_bursts_and_outages_are_refused() -> None:
     with pytest.raises(ValueError, match="length_s is 0"):
-        Bursts(length_s=0.0, gap_s=1.0)
+        BurstLoss(length_s=0.0, gap_s=1.0)
     with pytest.raises(ValueError, match=r"a blackout from 1\.0 s for 0\.0 s"):
         LinkOutage(1.0, 0.0)
 

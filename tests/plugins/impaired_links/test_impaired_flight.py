@@ -10,8 +10,8 @@ import pytest
 
 from wil_campaign.foundation.clocks.virtual_loop import run_virtual
 from wil_campaign.plugins.impaired_links.impaired import ImpairedLink
-from wil_campaign.plugins.impaired_links.impairment import Bursts, Impairment, LinkOutage
-from wil_campaign.vehicles.autopilots.autopilot import Mode
+from wil_campaign.plugins.impaired_links.impairment import BurstLoss, Impairment, LinkOutage
+from wil_campaign.vehicles.autopilots.autopilot import FlightMode
 from wil_campaign.vehicles.driver import Driver
 from wil_campaign.vehicles.driver.vehicle_state import EstimateSample, VehicleEvent
 from wil_campaign.vehicles.embedded.physics.config import EmbeddedConfig
@@ -25,7 +25,7 @@ HARSH = Impairment(
     latency_s=0.25,
     jitter_s=0.2,
     loss=0.12,
-    bursts=Bursts(length_s=0.3, gap_s=5.0),
+    bursts=BurstLoss(length_s=0.3, gap_s=5.0),
     duplicate=0.05,
     reorder=0.05,
     corrupt=0.02,
@@ -135,11 +135,11 @@ def test_a_vehicle_survives_an_outage_of_3_s_in_flight(autopilot: str) -> None:
     unasked = [event for event in events if event.kind == "mode" and not event.asked]
     if autopilot == "px4":
         # COM_OF_LOSS_T is 1 s: its failsafe took it out of OFFBOARD, and nobody asked for that.
-        assert mode is not Mode.GUIDED
+        assert mode is not FlightMode.GUIDED
         assert len(unasked) == 1
     else:
         # GUID_TIMEOUT stops it, but it stays in GUIDED, and flies on with the setpoints.
-        assert mode is Mode.GUIDED
+        assert mode is FlightMode.GUIDED
         assert unasked == []
 
 

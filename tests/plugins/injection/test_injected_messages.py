@@ -13,17 +13,17 @@ from wil_campaign.plugins.injection.injector import PLANS, InjectionPlan, PacedM
 from wil_campaign.plugins.injection.pose_messages import (
     PoseSpread,
     landing_target,
-    odometry,
+    odometry_message,
     vision_position_estimate,
 )
 from wil_campaign.plugins.injection.range_messages import (
     UNKNOWN_CM,
-    distance_sensor,
+    distance_sensor_message,
     obstacle_distance,
-    orientation_of,
+    sensor_orientation,
 )
 from wil_campaign.plugins.injection.traffic_messages import Intruder, adsb_vehicle
-from wil_campaign.vehicles.mavlink.codec import Codec
+from wil_campaign.vehicles.mavlink.codec import MavlinkCodec
 from wil_campaign.vehicles.readings import LidarScanReading, PoseReading, RangefinderReading
 from wil_campaign.worlds.frames import Pose
 
@@ -32,8 +32,8 @@ HERE = Pose((0.0, 0.0, 0.0))
 
 def wired(message: Any) -> Any:
     """Return a message as the autopilot decodes it."""
-    (found,) = Codec(system_id=1, component_id=1).parse(
-        Codec(system_id=255, component_id=190).pack(message)
+    (found,) = MavlinkCodec(system_id=1, component_id=1).parse(
+        MavlinkCodec(system_id=255, component_id=190).pack(message)
     )
     return found
 
@@ -111,7 +111,7 @@ def looking(pitch_deg: float, yaw_deg: float = 0.0) -> Pose:
 
 
 def test_a_rangefinder_that_looks_down_becomes_a_distance_sensor() -> None:
-    message = wired(distance_sensor(rangefinder(2.344, looking(-90.0))))
+    message = wired(distance_sensor_message(rangefinder(2.344, looking(-90.0))))
     assert (message.time_boot_ms, message.current_distance) == (1500, 234)
     assert (message.min_distance, message.max_distance) == (10, 800)
     assert message.orientation == mavlink.MAV_SENSOR_ROTATION_PITCH_270
@@ -119,9 +119,9 @@ def test_a_rangefinder_that_looks_down_becomes_a_distance_sensor() -> None:
 
 @pytest.mark.parametrize("range_m", [math.inf, 8.5])
 def test_a_beam_that_met_nothing_is_beyond_the_longest(range_m: float) -> None:
-    assert wired(distance_sensor(rangefinder(range_m))).current_distance == 801
+    assert wired(distance_sensor_message(rangefinder(range_m))).current_distance == 801
     with pytest.raises(ValueError, match="is NaN"):
-        distance_sensor(rangefinder(math.nan))
+        distance_sensor_message(rangefinder(math.nan))
 
 
 @pytest.mark.parametrize(
@@ -140,12 +140,12 @@ def test_a_beam_that_met_nothing_is_beyond_the_longest(range_m: float) -> None:
     ],
 )
 def test_directions_have_names(pitch: float, yaw: float, orientation: int) -> None:
-    assert orientation_of(looking(pitch, yaw)) == orientation
+    assert sensor_orientation(looking(pitch, yaw)) == orientation
 
 
 def test_an_odd_direction_carries_its_attitude() -> None:
     mount = looking(-45.0)
-    message = wired(distance_sensor(rangefinder(1.0, mount)))
+    message = wired(distance_sensor_message(rangefinder(1.0, mount)))
     assert message.quaternion == pytest.approx(mount.q_wxyz)
 
 
@@ -196,7 +196,7 @@ def test_covariances_stand_on_the_diagonal() -> None:
 
 @pytest.mark.parametrize(("autopilot", "frame"), [("px4", 1), ("ardupilot", 20)])
 def test_odometry_has_the_frame_that_each_takes(autopilot: Any, frame: int) -> None:
-    message = wired(odometry(pose_reading(), autopilot=autopilot))
+    message = wired(odometry_message(pose_reading(), autopilot=autopilot))
     assert (message.frame_id, message.child_frame_id) == (frame, mavlink.MAV_FRAME_BODY_FRD)
     assert (message.x, message.y, message.z) == (1.0, 2.0, -3.0)
     assert message.q == pytest.approx(EAST.q_wxyz)
@@ -205,10 +205,10 @@ def test_odometry_has_the_frame_that_each_takes(autopilot: Any, frame: int) -> N
 
 
 def test_odometry_without_a_velocity_is_refused_for_ardupilot_alone() -> None:
-    message = wired(odometry(pose_reading(None), autopilot="px4"))
+    message = wired(odometry_message(pose_reading(None), autopilot="px4"))
     assert math.isnan(message.vx)
     with pytest.raises(ValueError, match="VISION_POSITION_ESTIMATE"):
-        odometry(pose_reading(None), autopilot="ardupilot")
+        odometry_message(pose_reading(None), autopilot="ardupilot")
 
 
 def test_a_landing_target_for_each_autopilot() -> None:

@@ -7,14 +7,14 @@ import pytest
 
 from tests.orchestrator.external.rigs import FakeDriver, FakeParameters, FakeStation
 from wil_campaign.campaigns.setup.case_setup import VehicleSetup
-from wil_campaign.campaigns.values.sensor_setups import OtherSetup
+from wil_campaign.campaigns.values.sensor_setups import OtherSensorSetup
 from wil_campaign.foundation.clocks.virtual_loop import run_virtual
 from wil_campaign.orchestrator.state.vehicle_context import VehicleContext
 from wil_campaign.plugins.injection.injection_setups import Injected, InjectionSetup
 from wil_campaign.plugins.injection.injections import (
     InjectionProof,
     UnsupportedInjectionError,
-    message_name,
+    injected_message_name,
     prove_injection,
 )
 from wil_campaign.plugins.lidar.rangefinder import RangefinderOptions
@@ -29,7 +29,7 @@ READY = {"PRX1_TYPE": 2.0, "AVOID_ENABLE": 3.0}
 
 def vehicle(autopilot: str = "ardupilot", mount: MountPart = DOWN) -> VehicleSetup:
     options = RangefinderOptions(rate_hz=20.0, mount=mount)
-    below = OtherSetup(kind="rangefinder", name="below", options=options)
+    below = OtherSensorSetup(kind="rangefinder", name="below", options=options)
     return VehicleSetup(
         name="real",
         link="embedded",
@@ -79,8 +79,8 @@ def test_a_vehicle_without_injection_is_asked_nothing() -> None:
 
 
 def test_a_rangefinder_is_height_or_proximity_by_where_it_looks() -> None:
-    assert message_name("distance_sensor", DOWN.pose()) == "distance_sensor"
-    assert message_name("distance_sensor", AT_ORIGIN) == "distance_sensor_sideways"
+    assert injected_message_name("distance_sensor", DOWN.pose()) == "distance_sensor"
+    assert injected_message_name("distance_sensor", AT_ORIGIN) == "distance_sensor_sideways"
     sideways = InjectionSetup(thing="distance_sensor", to=("real",), sensor="below")
     assert proven(READY, sideways, vehicle(mount=MountPart())).asked[0] == "PRX1_TYPE"
     with pytest.raises(UnsupportedInjectionError, match="RNGFND1_TYPE"):

@@ -10,7 +10,7 @@ import pytest
 
 from tests.orchestrator.external.rigs import FakeStation
 from wil_campaign.foundation.clocks.virtual_loop import run_virtual
-from wil_campaign.foundation.files.documents import parse
+from wil_campaign.foundation.files.documents import parse_document
 from wil_campaign.orchestrator.state.vehicle_context import VehicleContext
 from wil_campaign.plugins.injection.injection_setups import InjectionSetup
 from wil_campaign.plugins.injection.injector import Injector, ScenePoses
@@ -55,7 +55,7 @@ def pose(t_s: float, velocity: tuple[float, float, float] | None = None) -> Pose
 
 
 def injector(context: FakeStation, *injections: InjectionSetup, autopilot: str = "px4") -> Injector:
-    world = World.parse(parse(WORLD.encode(), name="world.yaml"))
+    world = World.parse(parse_document(WORLD.encode(), name="world.yaml"))
     return Injector(
         context=cast("VehicleContext", context),
         autopilot=autopilot,

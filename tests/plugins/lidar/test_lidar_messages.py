@@ -10,11 +10,11 @@ from wil_campaign.plugins.lidar.distance_sensor import rangefinder_reading
 from wil_campaign.plugins.lidar.lidar import LidarOptions
 from wil_campaign.plugins.lidar.obstacle_distance import lidar_reading
 from wil_campaign.plugins.lidar.rangefinder import LOOKING_DOWN, RangefinderOptions
-from wil_campaign.vehicles.readings.checks import fault_of
+from wil_campaign.vehicles.readings.checks import reading_fault
 from wil_campaign.vehicles.sources.readings.live_readings import UnusableReadingError
-from wil_campaign.vehicles.sources.readings.mavlink_messages import MavlinkSensor, Times
+from wil_campaign.vehicles.sources.readings.mavlink_messages import MavlinkSensor, MessageTimes
 
-WHEN = Times(10.0, 10.02, "real")
+WHEN = MessageTimes(10.0, 10.02, "real")
 TURN = LidarOptions(beams=72)
 
 
@@ -54,7 +54,7 @@ def test_a_distance_is_in_centimetres_and_beyond_its_limit_is_nothing() -> None:
         found = rangefinder_reading(message, WHEN, below())
         assert found is not None
         assert (found.range_min_m, found.range_max_m) == pytest.approx((0.2, 12.0))
-        assert fault_of(found) is None
+        assert reading_fault(found) is None
         return found.range_m
 
     assert read(distance(250)) == pytest.approx(2.5)
@@ -82,7 +82,7 @@ def ranges(
 ) -> list[float]:
     sensor = MavlinkSensor(message="OBSTACLE_DISTANCE", options=beams)
     found = lidar_reading(message, WHEN, sensor, heading_rad=heading_rad)
-    assert fault_of(found) is None
+    assert reading_fault(found) is None
     assert len(found.ranges_m) == beams.beams
     return [round(float(one), 3) for one in found.ranges_m]
 

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.vehicles.sensors.sensor_rigs import HOVER, require_repeatable, rng
-from wil_campaign.plugins.lidar.beams import RangeNoise, disturb, grid_directions
+from wil_campaign.plugins.lidar.beams import RangeNoise, disturb_hits, grid_directions
 from wil_campaign.plugins.lidar.lidar import SCAN_NOISE, SCAN_NOISES, LidarScanSensor
 from wil_campaign.plugins.lidar.lidar_points import GridPattern, LidarPointsSensor
 from wil_campaign.plugins.lidar.rangefinder import (
@@ -17,7 +17,7 @@ from wil_campaign.plugins.lidar.rangefinder import (
     RANGEFINDER_NOISES,
     RangefinderSensor,
 )
-from wil_campaign.vehicles.readings.checks import fault_of
+from wil_campaign.vehicles.readings.checks import reading_fault
 from wil_campaign.vehicles.sensors.beams import Directions, RayHits
 from wil_campaign.vehicles.sensors.noise_sets import NoiseSetName
 from wil_campaign.vehicles.sensors.truth import Truth
@@ -46,7 +46,7 @@ def test_a_scan_sees_the_wall_where_it_is() -> None:
     assert reading.object_ids[to_the_left] == 2
     ahead = int(np.argmin(np.abs(reading.angles_rad)))
     assert math.isinf(reading.ranges_m[ahead]) or reading.ranges_m[ahead] > 11.0
-    assert fault_of(reading) is None
+    assert reading_fault(reading) is None
 
 
 def test_points_lie_on_surfaces_that_the_beams_met() -> None:
@@ -62,7 +62,7 @@ def test_points_lie_on_surfaces_that_the_beams_met() -> None:
         assert (north if number == 2 else down) == pytest.approx(
             5.0 if number == 2 else 0.0, abs=1e-4
         )
-    assert fault_of(reading) is None
+    assert reading_fault(reading) is None
 
 
 def test_a_rangefinder_looks_down_and_tells_nothing_beyond_its_reach() -> None:
@@ -86,7 +86,7 @@ def test_range_noise_grows_with_distance_and_leaves_the_void_alone() -> None:
     hits = RayHits(
         np.repeat(np.array([2.0, 8.0, np.inf], np.float32), 5000), np.full(15_000, 7, np.uint8)
     )
-    seen = disturb(hits, SCAN_NOISE, rng())
+    seen = disturb_hits(hits, SCAN_NOISE, rng())
     near, far, void = np.split(seen.ranges_m, 3)
     assert near.std() == pytest.approx(0.02, rel=0.05)
     assert far.std() == pytest.approx(0.08, rel=0.05)
@@ -98,7 +98,7 @@ def test_range_noise_grows_with_distance_and_leaves_the_void_alone() -> None:
 def test_dropouts_and_outliers_come_as_often_as_asked() -> None:
     noise = RangeNoise(0.1, 10.0, dropout=0.1, outlier=0.2)
     hits = RayHits(np.full(20_000, 5.0, np.float32), np.ones(20_000, np.uint8))
-    seen = disturb(hits, noise, rng()).ranges_m
+    seen = disturb_hits(hits, noise, rng()).ranges_m
     assert np.isinf(seen).mean() == pytest.approx(0.1, abs=0.01)
     early = seen[np.isfinite(seen)] < 5.0
     assert early.mean() == pytest.approx(0.2, abs=0.01)
@@ -109,8 +109,8 @@ def test_a_beam_that_meets_nothing_does_not_shift_the_noise_of_another() -> None
     holed = full.copy()
     holed[3] = np.inf
     ids = np.ones(50, np.uint8)
-    a = disturb(RayHits(full, ids), SCAN_NOISE, rng()).ranges_m
-    b = disturb(RayHits(holed, ids), SCAN_NOISE, rng()).ranges_m
+    a = disturb_hits(RayHits(full, ids), SCAN_NOISE, rng()).ranges_m
+    b = disturb_hits(RayHits(holed, ids), SCAN_NOISE, rng()).ranges_m
     assert np.array_equal(np.delete(a, 3), np.delete(b, 3))
 
 

@@ -7,11 +7,15 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from wil_campaign.plugins.lidar.visibility import _some_beams, compare_points, nearest_m
-from wil_campaign.recipes.visibility.model import FrameVisibility, ObjectVisibility, Virtual
+from wil_campaign.plugins.lidar.visibility import (
+    _some_beams,
+    compare_points,
+    nearest_point_distances_m,
+)
+from wil_campaign.recipes.visibility.model import FrameVisibility, ObjectVisibility, VirtualObjects
 
 WALL = 2
-VIRTUAL = Virtual({WALL: "wall"})
+VIRTUAL = VirtualObjects({WALL: "wall"})
 
 
 def wall_of(frame: FrameVisibility) -> ObjectVisibility:
@@ -58,9 +62,11 @@ def test_the_nearest_points_are_scipys_to_the_bit(thickness_m: float) -> None:
     rng = np.random.default_rng(3)
     found = rng.uniform(-2.0, 2.0, (800, 3)) * (thickness_m, 1.0, 1.0)
     due = rng.normal(0.0, 2.0, (300, 3))
-    near_m = nearest_m(due, found.astype(np.float32))
+    near_m = nearest_point_distances_m(due, found.astype(np.float32))
     assert np.array_equal(near_m, cKDTree(found.astype(np.float32)).query(due)[0])
-    assert nearest_m(due[:1], np.zeros((1, 3), np.float32)) == pytest.approx(np.linalg.norm(due[0]))
+    assert nearest_point_distances_m(due[:1], np.zeros((1, 3), np.float32)) == pytest.approx(
+        np.linalg.norm(due[0])
+    )
 
 
 @pytest.mark.parametrize(("columns", "cast"), [(90, 90), (375, 375), (750, 375)])

@@ -9,7 +9,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from wil_campaign.vehicles.mavlink.codec import Codec
+from wil_campaign.vehicles.mavlink.codec import MavlinkCodec
 from wil_campaign.worlds.geodesy import LocalFrame
 
 FRAME = LocalFrame(47.0, 8.0, 500.0)
@@ -37,10 +37,13 @@ def flown(begin_s: float = 1.0) -> Iterator[tuple[float, float, float, float]]:
 
 def write_tlog(path: Path, *, damage: bool = False) -> Path:
     """Write a MAVLink log of the flight, of system 7, with a ground station beside it."""
-    codec, station = Codec(system_id=7, component_id=1), Codec(system_id=255, component_id=190)
+    codec, station = (
+        MavlinkCodec(system_id=7, component_id=1),
+        MavlinkCodec(system_id=255, component_id=190),
+    )
     data = bytearray()
 
-    def add(t_s: float, message: Any, of: Codec = codec) -> None:
+    def add(t_s: float, message: Any, of: MavlinkCodec = codec) -> None:
         data.extend(struct.pack(">Q", round((EPOCH_S + t_s) * 1e6)) + of.pack(message))
 
     def beat(t_s: float, *, armed: bool) -> None:

@@ -18,20 +18,23 @@ from wil_campaign.campaigns.schema.vehicles import BodyPart
 from wil_campaign.campaigns.setup.vehicle_setups import EMBEDDED_BODY
 from wil_campaign.orchestrator.cli import main
 from wil_campaign.plugins.ardupilot.copter.data_flash import DataFlash
-from wil_campaign.plugins.logs.course import course_of
+from wil_campaign.plugins.logs.course import course_of_flight
 from wil_campaign.plugins.logs.dataflash_reader import _Vehicle
 from wil_campaign.plugins.logs.log_reader import read_log
 from wil_campaign.plugins.logs.logged_flight import (
-    LogError,
+    FlightLogError,
     LoggedFlight,
     PowerSample,
     TrackPoint,
 )
-from wil_campaign.plugins.logs.start import battery_of
-from wil_campaign.vehicles.embedded.autopilot.flight.parameter_table import Parameter, Parameters
+from wil_campaign.plugins.logs.start import battery_of_flight
+from wil_campaign.vehicles.embedded.autopilot.flight.parameter_table import (
+    ParameterTable,
+    TableParameter,
+)
 from wil_campaign.vehicles.embedded.autopilot.services.log_formats import ULog
-from wil_campaign.vehicles.embedded.physics.states import Motion
-from wil_campaign.vehicles.mavlink.codec import Codec
+from wil_campaign.vehicles.embedded.physics.states import BodyMotion
+from wil_campaign.vehicles.mavlink.codec import MavlinkCodec
 
 LOCAL_POSITION_NED = 32
 Capture = pytest.CaptureFixture[str]
@@ -71,12 +74,12 @@ float64 w
 def vehicle_log(kind: type[DataFlash] | type[ULog], path: Path) -> Path:
     """Write the log that the embedded autopilot writes."""
     name, is_px4 = ("MPC_XY_CRUISE", True) if kind is ULog else ("WPNAV_SPEED_DN", False)
-    log = kind(0, Parameters((Parameter(name, 9, 123.0),), bytewise=is_px4))
+    log = kind(0, ParameterTable((TableParameter(name, 9, 123.0),), bytewise=is_px4))
     log.text(0, "ArduCopter V4.7.0-dev (8d3c51a7)")
     log.text(0, "Frame: QUAD/X")
     for t_s, north_m, east_m, up_m in flown():
         zero = (0.0, 0.0, 0.0)
-        now = Motion((north_m, east_m, -up_m), zero, (0.0, 0.0, math.radians(30)), zero, zero)
+        now = BodyMotion((north_m, east_m, -up_m), zero, (0.0, 0.0, math.radians(30)), zero, zero)
         log.position(round(t_s * 1e6), now)
     path.write_bytes(log.data())
     return path
@@ -115,7 +118,7 @@ def of_kind(kind: str, folder: Path) -> Path:
 @pytest.mark.parametrize("kind", ["tlog", "ulg", "bin", "mcap"])
 def test_the_course_of_each_format(tmp_path: Path, kind: str) -> None:
     flight = read_log(of_kind(kind, tmp_path))
-    course = course_of(flight)
+    course = course_of_flight(flight)
     assert course is not None
     assert course.yaw_rad == pytest.approx(math.radians(30), abs=1e-5)
     assert course.altitude_m == pytest.approx(3.0, abs=0.05)
@@ -216,7 +219,7 @@ def test_a_log_that_was_cut_off(tmp_path: Path, kind: str, share: float) -> None
     data = path.read_bytes()
     path.write_bytes(data[: int(len(data) * share)])
     if kind == "mcap":  # its index is at its end
-        with pytest.raises(LogError, match=r"cannot be read as an MCAP file|was it cut off"):
+        with pytest.raises(FlightLogError, match=r"cannot be read as an MCAP file|was it cut off"):
             read_log(path)
     else:
         flight = read_log(path)
@@ -263,7 +266,7 @@ def test_frames_of_a_tlog_with_another_checksum_are_counted(tmp_path: Path) -> N
 
 def test_vehicles_of_a_tlog_that_are_left_out_are_named(tmp_path: Path) -> None:
     path = write_tlog(tmp_path / "flight.tlog")
-    other = Codec(system_id=9, component_id=1)
+    other = MavlinkCodec(system_id=9, component_id=1)
     raw = other.pack(mavlink.MAVLink_local_position_ned_message(0, 90, 0, 0, 0, 0, 0))
     path.write_bytes(path.read_bytes() + struct.pack(">Q", round(EPOCH_S * 1e6)) + raw)
     (problem,) = read_log(path).problems
@@ -300,7 +303,7 @@ def test_a_bag_with_a_damaged_definition_is_refused(tmp_path: Path) -> None:
         channel = writer.register_channel("/odom", "cdr", schema)
         writer.add_message(channel, log_time=1, publish_time=1, data=bytes(99))
         writer.finish()  # type: ignore[no-untyped-call]  # mcap leaves it untyped
-    with pytest.raises(LogError, match="cannot be read as an MCAP file"):
+    with pytest.raises(FlightLogError, match="cannot be read as an MCAP file"):
         read_log(path)
 
 
@@ -317,10 +320,10 @@ def test_the_longest_of_several_flights_is_flown() -> None:
 
     track = [*flight(0, 5), *flight(100, 20)]
     armed = [(0.0, True), (8.0, False), (100.0, True), (123.0, False)]
-    course = course_of(LoggedFlight(kind="", track=track, armed=armed))
+    course = course_of_flight(LoggedFlight(kind="", track=track, armed=armed))
     assert course is not None
     assert (course.flights, course.duration_s) == (2, 19.0)
-    assert course_of(LoggedFlight(kind="", track=track[:2])) is None
+    assert course_of_flight(LoggedFlight(kind="", track=track[:2])) is None
 
 
 def test_the_hover_current_is_that_of_the_flight_however_long_it_stood_armed() -> None:
@@ -328,7 +331,7 @@ def test_the_hover_current_is_that_of_the_flight_however_long_it_stood_armed() -
     track = [TrackPoint(float(k), 0.0, 0.0, up, 0.0) for k, up in enumerate(ups)]
     power = [PowerSample(float(k), 15.0, 12.0 if up else 1.0) for k, up in enumerate(ups)]
     flight = LoggedFlight(kind="", track=track, armed=[(0.0, True), (90.0, False)], power=power)
-    battery = battery_of(flight, course_of(flight))
+    battery = battery_of_flight(flight, course_of_flight(flight))
     assert battery is not None
     assert battery.values["hover_current_a"] == 12.0
 

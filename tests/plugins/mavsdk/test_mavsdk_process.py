@@ -27,7 +27,7 @@ from wil_campaign.vehicles.driver.onboard.mission_protocol import (
 from wil_campaign.vehicles.driver.onboard.parameters import encode_parameter
 from wil_campaign.vehicles.errors import CommandError, VehicleError
 from wil_campaign.vehicles.links.link import LinkError
-from wil_campaign.vehicles.mavlink.codec import Codec
+from wil_campaign.vehicles.mavlink.codec import MavlinkCodec
 from wil_campaign.vehicles.setpoints import VelocitySetpoint
 
 ROOT = Path(__file__).parents[3]
@@ -58,7 +58,7 @@ SAID: tuple[Any, ...] = (
 
 
 def frame(message: Any) -> bytes:
-    return Codec(system_id=1, component_id=1).pack(copy(message))
+    return MavlinkCodec(system_id=1, component_id=1).pack(copy(message))
 
 
 def gone(pid: int) -> bool:

@@ -8,28 +8,28 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from wil_campaign.foundation.processes.codec import FrameReader, MessageError, framed
-from wil_campaign.plugins.mavsdk.message_fields import fields_json
+from wil_campaign.foundation.processes.codec import FrameReader, ProcessMessageError, framed_packet
+from wil_campaign.plugins.mavsdk.message_fields import message_fields_json
 from wil_campaign.plugins.mavsdk.messages import (
-    Act,
-    Alive,
-    Choose,
-    Done,
-    Download,
+    CallAction,
+    ChooseSystem,
+    DownloadItems,
     FetchLog,
     FromProcess,
     ListLogs,
-    NotSent,
-    Progress,
-    Ready,
-    Refused,
+    LogProgress,
+    MavsdkAlive,
+    MavsdkReady,
+    MessageNotSent,
+    OrderExecuted,
+    OrderRefused,
     SendMessage,
     ToProcess,
-    Upload,
+    UploadItems,
     from_process,
     to_process,
 )
-from wil_campaign.vehicles.autopilots.autopilot import Target, command_long
+from wil_campaign.vehicles.autopilots.autopilot import MavlinkTarget, command_long
 from wil_campaign.vehicles.driver.onboard.mission_protocol import ItemList, MissionItem
 from wil_campaign.vehicles.driver.onboard.vehicle_logs import LogEntry
 
@@ -40,11 +40,11 @@ LOG = LogEntry(3, 6978, None)
 @pytest.mark.parametrize(
     "message",
     [
-        Choose(1, 7, 5.0),
+        ChooseSystem(1, 7, 5.0),
         SendMessage("HEARTBEAT", '{"type": 6}', 12.5),
-        Act(2, "return_to_launch"),
-        Upload(3, ItemList.FENCE, (ITEM, ITEM)),
-        Download(4, ItemList.MISSION),
+        CallAction(2, "return_to_launch"),
+        UploadItems(3, ItemList.FENCE, (ITEM, ITEM)),
+        DownloadItems(4, ItemList.MISSION),
         ListLogs(5),
         FetchLog(6, LOG, "results/log.part", 60.0),
     ],
@@ -56,12 +56,12 @@ def test_orders_arrive_as_they_were_given(message: ToProcess) -> None:
 @pytest.mark.parametrize(
     "message",
     [
-        Ready(),
-        Alive(2),
-        NotSent("HEARTBEAT", "INVALID_FIELD"),
-        Done(1, items=(ITEM,), logs=(LOG,)),
-        Refused(2, "TIMEOUT"),
-        Progress(3, 0.5),
+        MavsdkReady(),
+        MavsdkAlive(2),
+        MessageNotSent("HEARTBEAT", "INVALID_FIELD"),
+        OrderExecuted(1, items=(ITEM,), logs=(LOG,)),
+        OrderRefused(2, "TIMEOUT"),
+        LogProgress(3, 0.5),
     ],
 )
 def test_answers_arrive_as_they_were_given(message: FromProcess) -> None:
@@ -69,7 +69,9 @@ def test_answers_arrive_as_they_were_given(message: FromProcess) -> None:
 
 
 def test_a_mission_item_may_hold_nan() -> None:
-    sent = Upload(1, ItemList.MISSION, (MissionItem(command=16, params=(0.0, 0.0, 0.0, math.nan)),))
+    sent = UploadItems(
+        1, ItemList.MISSION, (MissionItem(command=16, params=(0.0, 0.0, 0.0, math.nan)),)
+    )
     (item,) = to_process.decode(to_process.encode(sent)).items  # type: ignore[union-attr]  # an Upload
     assert math.isnan(item.params[3])
 
@@ -77,7 +79,7 @@ def test_a_mission_item_may_hold_nan() -> None:
 @pytest.mark.parametrize("packet", [b"", b"{", b"\x90", b"\x91\xa3Say", b"\x91\xa4Sing", b"\xff"])
 def test_noise_is_no_message(packet: bytes) -> None:
     for codec in (to_process, from_process):
-        with pytest.raises(MessageError, match="cannot be read"):
+        with pytest.raises(ProcessMessageError, match="cannot be read"):
             codec.decode(packet)
 
 
@@ -85,34 +87,36 @@ def test_noise_is_no_message(packet: bytes) -> None:
 def test_any_bytes_are_a_message_or_a_message_error(packet: bytes) -> None:
     try:
         from_process.decode(packet)
-    except MessageError:
+    except ProcessMessageError:
         return
 
 
 @given(st.lists(st.binary(max_size=40)), st.integers(1, 9))
 def test_frames_cut_anywhere_come_whole(packets: list[bytes], step: int) -> None:
-    stream, reader = b"".join(map(framed, packets)), FrameReader()
+    stream, reader = b"".join(map(framed_packet, packets)), FrameReader()
     cuts = [stream[at : at + step] for at in range(0, len(stream), step)]
     assert [packet for cut in cuts for packet in reader.feed(cut)] == packets
-    with pytest.raises(MessageError, match="too long"):
+    with pytest.raises(ProcessMessageError, match="too long"):
         list(reader.feed(b"\xff" * 4))
 
 
 def test_fields_are_json_with_null_for_nan() -> None:
-    message = command_long(Target(7), 22, math.nan, 2.5)
-    fields = json.loads(fields_json(message))
+    message = command_long(MavlinkTarget(7), 22, math.nan, 2.5)
+    fields = json.loads(message_fields_json(message))
     assert (fields["target_system"], fields["param1"], fields["param2"]) == (7, None, 2.5)
 
 
 def test_fields_keep_large_integers_texts_and_arrays() -> None:
     stamp = 2**62 + 1
-    assert json.loads(fields_json(mavlink.MAVLink_timesync_message(0, stamp)))["ts1"] == stamp
+    assert (
+        json.loads(message_fields_json(mavlink.MAVLink_timesync_message(0, stamp)))["ts1"] == stamp
+    )
     name = mavlink.MAVLink_param_set_message(1, 1, b"COM_OF_LOSS_T", 2.5, 9)
-    assert json.loads(fields_json(name))["param_id"] == "COM_OF_LOSS_T"
+    assert json.loads(message_fields_json(name))["param_id"] == "COM_OF_LOSS_T"
     near = mavlink.MAVLink_obstacle_distance_message(5, 0, list(range(72)), 5, 20, 1000)
-    assert json.loads(fields_json(near))["distances"] == list(range(72))
+    assert json.loads(message_fields_json(near))["distances"] == list(range(72))
 
 
 def test_an_infinite_field_is_refused() -> None:
     with pytest.raises(ValueError, match="JSON"):
-        fields_json(command_long(Target(7), 22, math.inf))
+        message_fields_json(command_long(MavlinkTarget(7), 22, math.inf))

@@ -6,8 +6,8 @@ from typing import cast
 
 from wil_campaign.foundation.processes.codec import FrameReader
 from wil_campaign.plugins.mavsdk.mavsdk_library import MavsdkLibrary
-from wil_campaign.plugins.mavsdk.mavsdk_process import MessageThread, ReplySender
-from wil_campaign.plugins.mavsdk.messages import NotSent, SendMessage, from_process
+from wil_campaign.plugins.mavsdk.mavsdk_process import MavsdkMessageThread, MavsdkReplySender
+from wil_campaign.plugins.mavsdk.messages import MessageNotSent, SendMessage, from_process
 
 
 class FailingLibrary:
@@ -21,7 +21,9 @@ def test_an_unexpected_exception_of_the_library_is_a_message_that_was_not_sent()
     here, there = socket.socketpair()
     with here, there:
         there.settimeout(10.0)
-        messages = MessageThread(cast("MavsdkLibrary", FailingLibrary()), ReplySender(here))
+        messages = MavsdkMessageThread(
+            cast("MavsdkLibrary", FailingLibrary()), MavsdkReplySender(here)
+        )
         messages._send(SendMessage("HEARTBEAT", "{}", time.monotonic()))
         (packet,) = FrameReader().feed(there.recv(65_536))
-    assert from_process.decode(packet) == NotSent("HEARTBEAT", "ValueError: no such field")
+    assert from_process.decode(packet) == MessageNotSent("HEARTBEAT", "ValueError: no such field")

@@ -10,7 +10,7 @@ from PIL import Image
 
 from tests.plugins.meshes.tiny_gltf import gltf
 from wil_campaign.plugins.meshes.mesh_reader import load_mesh_shape
-from wil_campaign.plugins.meshes.smoothing import smoothed
+from wil_campaign.plugins.meshes.smoothing import smoothed_mesh
 from wil_campaign.worlds.camera import Intrinsics
 from wil_campaign.worlds.frames import Pose
 from wil_campaign.worlds.render.renderer import Renderer
@@ -196,7 +196,7 @@ def test_a_mesh_too_large_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyP
 
 def normals_of(mesh: trimesh.Trimesh) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     vertices = np.asarray(mesh.vertices, float)
-    old, normals, faces = smoothed(vertices, np.zeros((len(vertices), 2)), mesh.faces)
+    old, normals, faces = smoothed_mesh(vertices, np.zeros((len(vertices), 2)), mesh.faces)
     np.testing.assert_array_equal(vertices[old][faces], vertices[mesh.faces])
     np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1.0)
     return vertices[old], normals, faces
@@ -229,6 +229,6 @@ def test_a_can_is_smooth_round_and_sharp_at_its_rims() -> None:
 
 def test_faces_without_area_are_harmless() -> None:
     vertices = np.array([[0.0, 0, 0], [1, 0, 0], [2, 0, 0]])
-    _, normals, faces = smoothed(vertices, np.zeros((3, 2)), np.array([[0, 1, 2]], np.int32))
+    _, normals, faces = smoothed_mesh(vertices, np.zeros((3, 2)), np.array([[0, 1, 2]], np.int32))
     assert (normals == 0.0).all()
     assert faces.shape == (1, 3)

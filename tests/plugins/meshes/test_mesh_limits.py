@@ -11,7 +11,12 @@ from typing import Any
 import pytest
 
 from tests.plugins.meshes.tiny_gltf import gltf
-from wil_campaign.foundation.files.images import ImageError, decode_image, image_size, read_image
+from wil_campaign.foundation.files.images import (
+    ImageError,
+    decode_image_file,
+    image_size,
+    read_image,
+)
 from wil_campaign.foundation.files.limits import MAX_IMAGE_PIXELS
 from wil_campaign.plugins.meshes.mesh_reader import load_mesh_shape
 from wil_campaign.worlds.scene.mesh_formats import MeshFileError
@@ -151,9 +156,9 @@ def test_sizes_are_what_headers_state(tmp_path: Path) -> None:
         assert read_image(path).shape == (30, 50, 3)
     for data in (b"", b"text", b"\x89PNG\r\n\x1a\n", b"II*\0", b"\xff\xd8\xff\xe0", b"RIFF"):
         with pytest.raises(ImageError, match="not a PNG"):
-            decode_image(data)
+            decode_image_file(data)
     with pytest.raises(ImageError, match="damaged"):
-        decode_image(png(10, 10)[:40])
+        decode_image_file(png(10, 10)[:40])
     with pytest.raises(ImageError, match="no such file"):
         read_image(tmp_path / "none.png")
     assert MAX_IMAGE_PIXELS * 8 < 1e9

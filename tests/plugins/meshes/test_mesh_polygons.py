@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from wil_campaign.plugins.meshes.mesh_polygons import Polygons, check_polygons
+from wil_campaign.plugins.meshes.mesh_polygons import MeshPolygons, check_polygons
 from wil_campaign.plugins.meshes.mesh_reader import load_mesh_shape
 from wil_campaign.plugins.meshes.mesh_support import UnsupportedMeshError
 from wil_campaign.worlds.scene.mesh_formats import MeshFileError
@@ -193,7 +193,7 @@ def test_no_convex_face_is_refused(
     across = np.cross(axis, (0.3, 0.5, 0.7))
     up = np.cross(across, axis)
     points = size_m * (np.outer(np.cos(turned), across) + np.outer(np.sin(turned), up))
-    check_polygons(Polygons(points, np.arange(len(turned)), np.array([len(turned)])))
+    check_polygons(MeshPolygons(points, np.arange(len(turned)), np.array([len(turned)])))
 
 
 @given(st.floats(0.02, 0.98), st.integers(0, 7), st.floats(1e-3, 1e3))
@@ -204,7 +204,7 @@ def test_every_opening_is_found_wherever_the_outline_begins(
     y = np.where(np.abs(y) == 1.0, y * width, y)
     points = size_m * np.stack([np.zeros(8), y, z], axis=1)
     with pytest.raises(UnsupportedMeshError):
-        check_polygons(Polygons(points, np.arange(8), np.array([8])))
+        check_polygons(MeshPolygons(points, np.arange(8), np.array([8])))
 
 
 TWO = "v 0 0 0\nv 0 1 0\nv 0 0 1\nf {a}\nv 0 5 5\nv 0 6 5\nv 0 5 6\nf {b}\nv 9 9 9\n"

@@ -14,7 +14,7 @@ from wil_campaign.plugins.microphone.microphone import (
     MicrophoneNoise,
     MicrophoneSensor,
     RotorSound,
-    pressure_of,
+    pressure_of_level,
 )
 from wil_campaign.vehicles.sensors.noise_sets import NoiseSetName
 from wil_campaign.vehicles.sensors.truth import Truth
@@ -50,7 +50,7 @@ def test_loudness_at_hover_is_as_requested_and_falls_with_the_square_of_speed() 
         # speeds a little apart: rotors of one speed would add or cancel by their phases
         truth = replace(HOVER, motor_speeds_rad_s=(speed, speed * 1.01, speed * 1.02, speed * 0.99))
         levels.append(float(np.sqrt(np.mean(recorded(sensor, truth, 300) ** 2))))
-    assert 20 * math.log10(levels[0] / pressure_of(sound.hover_level_db)) == pytest.approx(
+    assert 20 * math.log10(levels[0] / pressure_of_level(sound.hover_level_db)) == pytest.approx(
         0.0, abs=0.6
     )
     assert levels[0] / levels[1] == pytest.approx(4.0, rel=0.06)

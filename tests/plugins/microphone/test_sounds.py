@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.recipes.samples import build, sound
-from wil_campaign.foundation.files.documents import parse
+from wil_campaign.foundation.files.documents import parse_document
 from wil_campaign.plugins.microphone.audio import band_pass_kernel
 from wil_campaign.recipes.language.recipe_document import load_recipe
 from wil_campaign.recipes.pipeline.pipeline import compile_recipe
@@ -103,7 +103,7 @@ class SoundRig:
             "schema: wil/recipe/1\nsensors: {s: {type: microphone}}\n"
             f"combine: [{{sensor: s, {body}}}]\n"
         )
-        recipe = load_recipe(parse(text.encode(), name="r.yaml"))
+        recipe = load_recipe(parse_document(text.encode(), name="r.yaml"))
         (self.mixer,) = compile_recipe(recipe, object_ids={})
         self.mixed: list[Any] = []
         self.dropped: list[str] = []

@@ -20,7 +20,7 @@ from hypothesis import strategies as st
 from tests.test_house import ROOT
 from wil_campaign.plugins.mocap.capture_inputs import UdpCapture, ZmqCapture
 from wil_campaign.plugins.mocap.motion_capture import (
-    MotionCapture,
+    CaptureDecoder,
     decode_frame,
     pose_from_enu,
 )
@@ -49,8 +49,8 @@ def packed(*arguments: Any, **changed: Any) -> bytes:
     return data
 
 
-def capture() -> MotionCapture:
-    return MotionCapture(bodies={"drone": "real"}, latency_s=0.004)
+def capture() -> CaptureDecoder:
+    return CaptureDecoder(bodies={"drone": "real"}, latency_s=0.004)
 
 
 def test_a_message_becomes_a_reading() -> None:
@@ -147,7 +147,7 @@ def test_a_sender_that_starts_anew_is_followed(number: int) -> None:
 
 
 def test_bodies_are_distinguished() -> None:
-    feed = MotionCapture(bodies={"a": "real", "b": "twin"})
+    feed = CaptureDecoder(bodies={"a": "real", "b": "twin"})
     pose = {"position_m": [0, 0, 0], "q_wxyz": [1, 0, 0, 0]}
     bodies = [{"name": name, **pose} for name in ("c", "b", "a")]
     readings = feed.receive(packed(0, 1.0, bodies=bodies), 1.0)

@@ -5,7 +5,7 @@ import pytest
 from wil_campaign.plugins.mqtt.broker_address import (
     BrokerAddress,
     BrokerAddressError,
-    parse_broker,
+    parse_broker_address,
 )
 
 
@@ -19,7 +19,7 @@ from wil_campaign.plugins.mqtt.broker_address import (
     ],
 )
 def test_brokers_are_read(text: str, address: BrokerAddress) -> None:
-    assert parse_broker(text) == address
+    assert parse_broker_address(text) == address
 
 
 @pytest.mark.parametrize(
@@ -31,10 +31,10 @@ def test_brokers_are_read(text: str, address: BrokerAddress) -> None:
 )
 def test_an_address_that_is_no_broker_is_refused(text: str) -> None:
     with pytest.raises(BrokerAddressError):
-        parse_broker(text)
+        parse_broker_address(text)
 
 
 def test_a_password_in_an_address_is_refused_and_not_repeated() -> None:
     with pytest.raises(BrokerAddressError, match="password_env") as refused:
-        parse_broker("mqtt://anna:hidden@broker")
+        parse_broker_address("mqtt://anna:hidden@broker")
     assert "hidden" not in str(refused.value)

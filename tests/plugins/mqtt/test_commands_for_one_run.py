@@ -8,10 +8,10 @@ from pathlib import Path
 import pytest
 
 from wil_campaign.orchestrator.campaign.workers.run_workers import OrderDone, WorkerLost
-from wil_campaign.orchestrator.campaign.workers.worker_pool import Pool
+from wil_campaign.orchestrator.campaign.workers.worker_pool import WorkerPool
 from wil_campaign.orchestrator.operator.campaign_controller import CampaignController
-from wil_campaign.orchestrator.operator.run_messages import FlightPlace, Progress
-from wil_campaign.plugins.mqtt.message_signing import signed
+from wil_campaign.orchestrator.operator.run_messages import FlightPlace, RunProgressReport
+from wil_campaign.plugins.mqtt.message_signing import signed_message
 from wil_campaign.plugins.mqtt.mqtt_commands import CommandReader, RefusedCommandError
 from wil_campaign.safety.guard.core.operator_command import OperatorCommand
 from wil_campaign.safety.guard.operator.operator_lines import RefusedLineError
@@ -56,7 +56,7 @@ class Campaign:
     def __init__(self, folder: Path) -> None:
         self.received: dict[str, list[str]] = {}
         self._sent = 0
-        self.pool = Pool[str, str](
+        self.pool = WorkerPool[str, str](
             jobs=2,
             workers=self,
             report=lambda _: None,
@@ -86,7 +86,7 @@ class Campaign:
         session = self.controller.session
         body = {"session": session, "id": f"a{self._sent}", "at": NOW_S, "who": "anna", **fields}
         topic = f"wil/gate/operator/{kind}"
-        payload = signed(topic, json.dumps(body).encode(), TOKEN.encode())
+        payload = signed_message(topic, json.dumps(body).encode(), TOKEN.encode())
         return self.controller.obey(self._reader.read(kind, payload, retained=False, now_s=NOW_S))
 
     def take(self) -> dict[str, list[str]]:
@@ -105,7 +105,9 @@ async def campaign(tmp_path: Path) -> AsyncIterator[Campaign]:
         while len(campaign.received) < 2:  # noqa: ASYNC110 - sets no event
             await asyncio.sleep(0)
     for case in ("A", "B"):
-        campaign.controller.news(Progress(case, "wil", 1, "goal", 12.0, verdict_so_far="PASS"))
+        campaign.controller.news(
+            RunProgressReport(case, "wil", 1, "goal", 12.0, verdict_so_far="PASS")
+        )
     yield campaign
     flying.cancel()
     await asyncio.wait({flying})

@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 
 from wil_campaign.plugins.mqtt.message_signing import (
     SignatureError,
-    signed,
+    signed_message,
     status_key,
-    verified,
+    verified_message,
 )
 from wil_campaign.plugins.mqtt.mqtt_commands import CommandReader, RefusedCommandError
 from wil_campaign.safety.guard.core.operator_command import OperatorCommand
@@ -30,7 +30,7 @@ def make_reader() -> CommandReader:
 def command_bytes(kind: str = "abort", *, token: str = TOKEN, **changes: Any) -> bytes:
     body = {"session": SESSION, "id": "a1", "at": NOW_S, "who": "anna", **changes}
     kept = {key: value for key, value in body.items() if value is not ...}
-    return signed(f"wil/gate/operator/{kind}", json.dumps(kept).encode(), token.encode())
+    return signed_message(f"wil/gate/operator/{kind}", json.dumps(kept).encode(), token.encode())
 
 
 def read(payload: bytes, kind: str = "abort", *, retained: bool = False) -> Any:
@@ -154,16 +154,16 @@ def test_an_unsigned_command_is_obeyed_where_a_campaign_has_no_key() -> None:
 
 def test_a_signature_is_for_one_campaign_and_for_one_command() -> None:
     body = b'{"state": "ended", "at": 1.5}'
-    message = signed("wil/gate/status", body, status_key(TOKEN))
+    message = signed_message("wil/gate/status", body, status_key(TOKEN))
     assert json.loads(message)["state"] == "ended"
-    assert verified("wil/gate/status", message, status_key(TOKEN)) == body
+    assert verified_message("wil/gate/status", message, status_key(TOKEN)) == body
     for topic, key in (("wil/hall/status", status_key(TOKEN)), ("wil/gate/status", b"other")):
         with pytest.raises(SignatureError, match="wrong"):
-            verified(topic, message, key)
+            verified_message(topic, message, key)
     # Who can only check statuses cannot command.
     topic = "wil/gate/operator/abort"
-    body = verified(topic, command_bytes(), TOKEN.encode())
-    forged = signed(topic, body, status_key(TOKEN))
+    body = verified_message(topic, command_bytes(), TOKEN.encode())
+    forged = signed_message(topic, body, status_key(TOKEN))
     with pytest.raises(RefusedCommandError, match="wrong signature"):
         read(forged)
 
@@ -185,6 +185,6 @@ def test_garbage_is_refused_and_nothing_else_happens(payload: bytes) -> None:
 @given(st.dictionaries(keys, values))
 def test_garbage_with_the_right_signature_is_refused(body: dict[str, Any]) -> None:
     text = json.dumps({**body, "session": "another"}).encode()
-    payload = signed("wil/gate/operator/abort", text, TOKEN.encode())
+    payload = signed_message("wil/gate/operator/abort", text, TOKEN.encode())
     with pytest.raises(RefusedCommandError):
         read(payload)

@@ -19,13 +19,17 @@ from wil_campaign.orchestrator.cli import main
 from wil_campaign.orchestrator.operator.campaign_controller import CampaignController
 from wil_campaign.orchestrator.operator.errors import OperatingError
 from wil_campaign.orchestrator.operator.operator_channels import open_operator_channels
-from wil_campaign.orchestrator.operator.run_messages import FlightPlace, Happening
+from wil_campaign.orchestrator.operator.run_messages import FlightPlace, RunEventReport
 from wil_campaign.plugins.mqtt import mqtt_answers
 from wil_campaign.plugins.mqtt.broker_access import BrokerAccess
 from wil_campaign.plugins.mqtt.broker_address import BrokerAddress
 from wil_campaign.plugins.mqtt.embedded_broker import embedded_broker
-from wil_campaign.plugins.mqtt.message_signing import signed_command, status_key, verified
-from wil_campaign.plugins.mqtt.mqtt_operator import MqttOperator, MqttSecrets, mqtt_operating
+from wil_campaign.plugins.mqtt.message_signing import signed_command, status_key, verified_message
+from wil_campaign.plugins.mqtt.mqtt_operator import (
+    MqttOperator,
+    MqttSecrets,
+    connected_mqtt_operator,
+)
 from wil_campaign.plugins.mqtt.mqtt_setup import MqttSetup
 from wil_campaign.safety.guard.core.operator_command import OperatorCommand
 
@@ -93,7 +97,7 @@ class Person:
 
 
 def acknowledge(controller: CampaignController, run: str, kind: str, command_id: str) -> None:
-    controller.news(Happening(run, 9.0, "acknowledged", kind, "", "", command_id, "mqtt:anna"))
+    controller.news(RunEventReport(run, 9.0, "acknowledged", kind, "", "", command_id, "mqtt:anna"))
 
 
 class Scene:
@@ -116,7 +120,9 @@ class Scene:
     async def __aenter__(self) -> Self:
         await self.start_broker()
         self._stack = AsyncExitStack()
-        await self._stack.enter_async_context(mqtt_operating(self.setup, SECRETS, self.controller))
+        await self._stack.enter_async_context(
+            connected_mqtt_operator(self.setup, SECRETS, self.controller)
+        )
         self.person = await self._stack.enter_async_context(Person(self.port, self.controller))
         return self
 
@@ -250,7 +256,7 @@ async def test_a_retained_command_is_refused_at_once(tmp_path: Path) -> None:
         body = {"session": scene.controller.session, "id": "1", "at": time.time()}
         payload = signed_command("wil/gate/operator/abort", body, TOKEN)
         await person.say("abort", payload, retain=True)
-        async with mqtt_operating(scene.setup, SECRETS, scene.controller):
+        async with connected_mqtt_operator(scene.setup, SECRETS, scene.controller):
             answer = (await person.until("operator/ack"))[0]
     assert answer["text"].startswith("it was retained")
     assert scene.fleet.aborted == []
@@ -276,8 +282,10 @@ async def test_a_flood_is_not_answered_and_a_command_gets_through(
 async def test_an_event_is_published_at_once(scene: Scene) -> None:
     await scene.person.until("status")
     for follower in (scene.controller,):
-        follower.news(Happening("large/wil/1", 9.0, "collision", "collision", "real", "touched"))
-        follower.news(Happening("large/wil/1", 9.0, "decisive", "FAIL", "", "a contact"))
+        follower.news(
+            RunEventReport("large/wil/1", 9.0, "collision", "collision", "real", "touched")
+        )
+        follower.news(RunEventReport("large/wil/1", 9.0, "decisive", "FAIL", "", "a contact"))
     (touch,) = await scene.person.until("collision")
     (verdict,) = await scene.person.until("verdict")
     assert (touch["vehicle"], verdict["verdict"], verdict["final"]) == ("real", "FAIL", False)
@@ -287,7 +295,7 @@ async def test_the_end_is_reported_and_a_death_as_well(tmp_path: Path) -> None:
     scene = Scene(tmp_path)
     await scene.start_broker()
     async with Person(scene.port, scene.controller) as person:
-        async with mqtt_operating(scene.setup, SECRETS, scene.controller):
+        async with connected_mqtt_operator(scene.setup, SECRETS, scene.controller):
             await person.until("status")
         states = [said["state"] for said in await person.until("status", 2)]
         assert states == ["flying", "ended"]
@@ -335,8 +343,10 @@ async def test_a_message_that_a_lost_broker_did_not_confirm_is_published_again(
             await asyncio.sleep(60.0)
 
     monkeypatch.setattr(aiomqtt.Client, "publish", without_answer)
-    async with mqtt_operating(scene.setup, SECRETS, scene.controller):
-        scene.controller.news(Happening("large/wil/1", 9.0, "decisive", "FAIL", "", "a contact"))
+    async with connected_mqtt_operator(scene.setup, SECRETS, scene.controller):
+        scene.controller.news(
+            RunEventReport("large/wil/1", 9.0, "decisive", "FAIL", "", "a contact")
+        )
         first = await published.get()
         await scene.stop_broker()
         await scene.start_broker()
@@ -348,10 +358,12 @@ async def test_a_message_that_a_lost_broker_did_not_confirm_is_published_again(
 async def test_a_broker_that_comes_back_finds_us_again(tmp_path: Path) -> None:
     scene = Scene(tmp_path)
     await scene.start_broker()
-    async with mqtt_operating(scene.setup, SECRETS, scene.controller):
+    async with connected_mqtt_operator(scene.setup, SECRETS, scene.controller):
         await scene.stop_broker()
         await asyncio.sleep(0.3)
-        scene.controller.news(Happening("large/wil/1", 9.0, "decisive", "FAIL", "", "meanwhile"))
+        scene.controller.news(
+            RunEventReport("large/wil/1", 9.0, "decisive", "FAIL", "", "meanwhile")
+        )
         await scene.start_broker()
         async with Person(scene.port, scene.controller) as person:
             await person.until("status")
@@ -371,7 +383,7 @@ async def test_a_broker_that_goes_is_no_fault_of_ours(tmp_path: Path) -> None:
     scene = Scene(tmp_path)
     with account.of(loop):
         await scene.start_broker()
-        async with mqtt_operating(scene.setup, SECRETS, scene.controller):
+        async with connected_mqtt_operator(scene.setup, SECRETS, scene.controller):
             await scene.stop_broker()
             async with asyncio.timeout(10.0):
                 while not log_or_none(tmp_path):  # noqa: ASYNC110 - a file sets no event
@@ -388,7 +400,10 @@ async def test_a_client_that_fails_before_it_is_connected_keeps_nobody_waiting(
     monkeypatch.setattr(MqttOperator, "run", fail)
     scene = Scene(tmp_path)
     with pytest.raises(RuntimeError, match="a fault of ours"):
-        async with asyncio.timeout(5.0), mqtt_operating(scene.setup, SECRETS, scene.controller):
+        async with (
+            asyncio.timeout(5.0),
+            connected_mqtt_operator(scene.setup, SECRETS, scene.controller),
+        ):
             pass
 
 
@@ -398,7 +413,7 @@ async def test_the_campaign_decides_the_reaction_to_a_lost_broker(
 ) -> None:
     scene = Scene(tmp_path, on_loss=policy, lost_after_s=0.3)
     await scene.start_broker()
-    async with mqtt_operating(scene.setup, SECRETS, scene.controller):
+    async with connected_mqtt_operator(scene.setup, SECRETS, scene.controller):
         await scene.stop_broker()
         async with asyncio.timeout(10.0):
             while len(log_or_none(tmp_path)) < 1:  # noqa: ASYNC110 - a file sets no event
@@ -421,7 +436,7 @@ def log_or_none(folder: Path) -> list[dict[str, Any]]:
 async def test_a_broker_that_is_not_there_is_an_error_at_the_start(tmp_path: Path) -> None:
     scene = Scene(tmp_path)
     with pytest.raises(OperatingError, match=r"cannot connect to the MQTT broker .*refused"):
-        async with mqtt_operating(scene.setup, SECRETS, scene.controller):
+        async with connected_mqtt_operator(scene.setup, SECRETS, scene.controller):
             pass
 
 
@@ -550,7 +565,7 @@ async def test_users_of_the_embedded_broker_keep_to_their_topics(scene: Scene) -
     # Who knows the key sees which statuses are the program's.
     key = status_key(TOKEN)
     assert set(status) >= {"state", "at", "signature"}
-    assert verified("wil/gate/status", json.dumps(status).encode(), key)
+    assert verified_message("wil/gate/status", json.dumps(status).encode(), key)
 
 
 @pytest.mark.usefixtures("runtime")

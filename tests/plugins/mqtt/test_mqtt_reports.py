@@ -7,15 +7,25 @@ import math
 
 from tests.orchestrator.operator.test_campaign_controller import RESULT
 from wil_campaign.foundation.clocks.virtual_loop import run_virtual
-from wil_campaign.orchestrator.operator.run_messages import Happening, Progress, VehicleProgress
-from wil_campaign.plugins.mqtt.mqtt_reports import Publication, publications, verdict_of
-from wil_campaign.plugins.mqtt.outbox import Outbox
+from wil_campaign.orchestrator.operator.run_messages import (
+    RunEventReport,
+    RunProgressReport,
+    VehicleProgress,
+)
+from wil_campaign.plugins.mqtt.mqtt_reports import (
+    Publication,
+    publications_of_news,
+    verdict_publication,
+)
+from wil_campaign.plugins.mqtt.outbox import PublicationOutbox
 
 
 def test_a_run_s_standing_and_its_vehicles() -> None:
     vehicle = VehicleProgress("real", True, "OFFBOARD", "in_air", (1.23456, 0.0, -1.0), None, 0.9)
-    news = Progress("large", "wil", 2, "goal", 12.3456, clearance_m=math.inf, vehicles=(vehicle,))
-    run, real = publications(news)
+    news = RunProgressReport(
+        "large", "wil", 2, "goal", 12.3456, clearance_m=math.inf, vehicles=(vehicle,)
+    )
+    run, real = publications_of_news(news)
     assert (run.topic, run.important, run.retain) == ("run", False, False)
     assert json.loads(run.payload)["clearance_m"] is None
     assert real.topic == "vehicle/real"
@@ -32,8 +42,8 @@ def test_a_run_s_standing_and_its_vehicles() -> None:
 
 def test_events_are_important_publications() -> None:
     def of(kind: str, word: str) -> Publication:
-        news = Happening("large/wil/1", 9.0, kind, word, "real", "said")  # type: ignore[arg-type]
-        (publication,) = publications(news)
+        news = RunEventReport("large/wil/1", 9.0, kind, word, "real", "said")  # type: ignore[arg-type]
+        (publication,) = publications_of_news(news)
         assert publication.important
         return publication
 
@@ -42,7 +52,7 @@ def test_events_are_important_publications() -> None:
     assert of("guard", "fence").topic == "guard"
     first = of("decisive", "FAIL")
     assert (first.topic, json.loads(first.payload)["final"]) == ("verdict", False)
-    last = verdict_of(RESULT)
+    last = verdict_publication(RESULT)
     assert (last.topic, json.loads(last.payload)["final"]) == ("verdict", True)
 
 
@@ -52,7 +62,7 @@ def publication(topic: str, number: int, *, important: bool = False) -> Publicat
 
 def test_important_publications_go_first_and_none_is_dropped() -> None:
     async def main() -> list[tuple[str, bytes]]:
-        outbox = Outbox()
+        outbox = PublicationOutbox()
         outbox.put(publication("run", 1))
         outbox.put(publication("verdict", 2, important=True))
         outbox.put(publication("verdict", 3, important=True))
@@ -67,7 +77,7 @@ def test_important_publications_go_first_and_none_is_dropped() -> None:
 
 def test_the_newest_state_is_given_five_times_a_second() -> None:
     async def main() -> list[tuple[float, bytes]]:
-        loop, outbox = asyncio.get_running_loop(), Outbox()
+        loop, outbox = asyncio.get_running_loop(), PublicationOutbox()
         taken: list[tuple[float, bytes]] = []
 
         async def take() -> None:
@@ -91,7 +101,7 @@ def test_the_newest_state_is_given_five_times_a_second() -> None:
 
 def test_an_outbox_that_is_full_says_so() -> None:
     async def main() -> None:
-        outbox = Outbox()
+        outbox = PublicationOutbox()
         for number in range(10_005):
             outbox.put(publication("verdict", number, important=True))
         assert outbox.dropped == 5

@@ -22,7 +22,7 @@ from tests.ports import free_port
 from wil_campaign.orchestrator.operator.errors import OperatingError
 from wil_campaign.plugins.mqtt.broker_address import BrokerAddress
 from wil_campaign.plugins.mqtt.message_signing import signed_command
-from wil_campaign.plugins.mqtt.mqtt_operator import MqttSecrets, mqtt_operating
+from wil_campaign.plugins.mqtt.mqtt_operator import MqttSecrets, connected_mqtt_operator
 from wil_campaign.plugins.mqtt.mqtt_setup import MqttSetup
 
 pytestmark = needs_mosquitto
@@ -70,7 +70,7 @@ async def test_commands_come_through_as_far_as_the_broker_lets_them(
 ) -> None:
     fleet = FakeFleet()
     controller = make_controller(tmp_path, fleet)
-    async with mqtt_operating(setup, SECRETS, controller):
+    async with connected_mqtt_operator(setup, SECRETS, controller):
         for number, kind in enumerate(("hold", "resume", "abort")):
             await asyncio.to_thread(
                 publish,
@@ -134,7 +134,7 @@ async def test_missing_trust_on_either_side_is_an_error_at_the_start(
     }
     wrong = replace(setup, **found)  # type: ignore[arg-type]  # None is for files alone
     with pytest.raises(OperatingError, match=why):
-        async with mqtt_operating(
+        async with connected_mqtt_operator(
             wrong, replace(SECRETS, password=password), make_controller(tmp_path, FakeFleet())
         ):
             pass
@@ -149,7 +149,7 @@ async def test_an_address_that_the_certificate_does_not_name_is_refused(
 
     controller = make_controller(tmp_path, FakeFleet())
     with pytest.raises(OperatingError, match=f"(?i)certificate.*{UNNAMED}"):
-        async with mqtt_operating(at(UNNAMED), SECRETS, controller):
+        async with connected_mqtt_operator(at(UNNAMED), SECRETS, controller):
             pass
-    async with mqtt_operating(at("127.0.0.1"), SECRETS, controller):
+    async with connected_mqtt_operator(at("127.0.0.1"), SECRETS, controller):
         pass

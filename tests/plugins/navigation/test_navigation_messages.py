@@ -9,9 +9,9 @@ from wil_campaign.plugins.navigation.gps_messages import gps_reading
 from wil_campaign.plugins.navigation.imu_messages import imu_reading
 from wil_campaign.vehicles.readings import GpsReading
 from wil_campaign.vehicles.sources.readings.live_readings import UnusableReadingError
-from wil_campaign.vehicles.sources.readings.mavlink_messages import Times, stamp_s
+from wil_campaign.vehicles.sources.readings.mavlink_messages import MessageTimes, message_stamp_s
 
-WHEN = Times(10.0, 10.02, "real")
+WHEN = MessageTimes(10.0, 10.02, "real")
 
 
 def fix(**changes: int) -> Any:
@@ -35,7 +35,7 @@ def test_an_imu_by_each_of_its_messages_feels_the_same() -> None:
         found = imu_reading(message, WHEN)
         assert found.specific_force_frd_m_s2 == pytest.approx((0.5, 0.0, -9.80665), abs=1e-3)
         assert found.rates_frd_rad_s == pytest.approx((0.1, 0.0, 0.0))
-        assert stamp_s(message) == (5.0, False)
+        assert message_stamp_s(message) == (5.0, False)
     highres.fields_updated = 0b000111
     with pytest.raises(UnusableReadingError, match="lacks accelerations"):
         imu_reading(highres, WHEN)
@@ -46,7 +46,7 @@ def test_a_fix_has_its_height_above_the_ellipsoid_and_its_velocity() -> None:
     assert (first.latitude_deg, first.longitude_deg) == pytest.approx((47.3977, 8.5456))
     assert first.altitude_m == pytest.approx(535.0)
     assert (first.horizontal_accuracy_m, first.vertical_accuracy_m) == pytest.approx((0.9, 1.8))
-    later = Times(10.5, 10.52, "real")
+    later = MessageTimes(10.5, 10.52, "real")
     second = gps_reading(fix(alt_ellipsoid=535_200), later, before=first, undulation_m=None)
     assert isinstance(second, GpsReading)
     assert second.velocity_ned_m_s == pytest.approx((0.0, 5.0, -0.4), abs=1e-9)
@@ -77,4 +77,4 @@ def test_a_fix_that_stands_still_needs_no_direction() -> None:
 def test_a_stamp_of_this_century_is_no_time_since_boot() -> None:
     message = fix()
     message.time_usec = 1_790_000_000_000_000
-    assert stamp_s(message) == (1_790_000_000.0, True)
+    assert message_stamp_s(message) == (1_790_000_000.0, True)

@@ -11,7 +11,7 @@ from tests.vehicles.sensors.sensor_rigs import HOVER, require_repeatable, rng
 from wil_campaign.plugins.navigation.gauss_markov import GaussMarkovWalk
 from wil_campaign.plugins.navigation.gps import GPS_NOISES, GpsNoise, GpsSensor
 from wil_campaign.plugins.navigation.imu import IMU_NOISES, ImuNoise, ImuSensor
-from wil_campaign.vehicles.readings.checks import rest_fault
+from wil_campaign.vehicles.readings.checks import reading_rest_fault
 from wil_campaign.vehicles.sensors.noise_sets import NoiseSetName
 from wil_campaign.worlds.geodesy import LocalFrame
 
@@ -64,7 +64,7 @@ def test_a_fix_is_above_the_ellipsoid_and_the_worlds_origin_above_sea_level() ->
     reading = GpsSensor(source="twin", frame=above).sample(HOVER, 4.0, rng())
     at_sea_level = GpsSensor(source="twin", frame=HOME).sample(HOVER, 4.0, rng())
     assert reading.altitude_m == pytest.approx(at_sea_level.altitude_m + 47.5)
-    assert rest_fault(reading, pose=HOVER.pose, frame=above) is None
+    assert reading_rest_fault(reading, pose=HOVER.pose, frame=above) is None
 
 
 def test_a_fix_lies_on_the_globe_and_is_late() -> None:

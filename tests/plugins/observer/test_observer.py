@@ -25,7 +25,7 @@ from wil_campaign.plugins.observer.observed_run import (
     ObserverCamera,
     read_observed_run,
 )
-from wil_campaign.safety.evaluation.judge_log import WorldEvent
+from wil_campaign.safety.evaluation.judge_log import LoggedWorldEvent
 from wil_campaign.safety.model.samples import PoseSample
 from wil_campaign.vehicles.readings import BgrImage
 from wil_campaign.worlds.frames import Pose
@@ -159,7 +159,7 @@ def test_actors_and_events_move_the_world_of_the_observer(
     place = write_campaign(tmp_path / "gate") / "large" / "sim" / "1"
     (place / "judged.msgpack").unlink()
     with JudgeLogWriter(path=place / "judged.msgpack") as judged:
-        judged.write(WorldEvent(GOAL_S, "goal"))
+        judged.write(LoggedWorldEvent(GOAL_S, "goal"))
         for t_s in (0.0, 6.0):
             judged.write(PoseSample(t_s, "twin", Pose.of(0.0, 0.5, 1.0), (0.0, 0.0, 0.0)))
     run = read_observed_run(place)

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from tests.recipes.samples import beam, camera, depth, plain
-from wil_campaign.foundation.files.documents import parse
+from wil_campaign.foundation.files.documents import parse_document
 from wil_campaign.orchestrator.cli import main
 from wil_campaign.orchestrator.recording.mcap.mcap_settings import LOSSLESS
 from wil_campaign.orchestrator.recording.mcap.mcap_writer import McapRecorder
@@ -310,7 +310,7 @@ def test_bad_options_are_reported(
 def test_a_contact_sheet_shows_what_a_mask_leaves_out() -> None:
     sheet = ContactSheet()
     text = COLOR.partition("  - {sensor: range")[0]
-    recipe = load_recipe(parse(text.encode(), name="r.yaml"))
+    recipe = load_recipe(parse_document(text.encode(), name="r.yaml"))
     (mixer,) = compile_recipe(recipe, object_ids={}, observer=sheet)
     assert sheet.is_empty
     mixer.mix(camera(wall(), "real"), camera(render()), now_s=1.0)

@@ -10,18 +10,18 @@ import pytest
 from tests.orchestrator.mcap_runs import PROVENANCE
 from tests.recipes.samples import camera
 from wil_campaign.plugins.offline.errors import OfflineError
-from wil_campaign.plugins.offline.mixture_outputs import output_for
+from wil_campaign.plugins.offline.mixture_outputs import output_for_file
 from wil_campaign.plugins.offline.offline_pairing import MixedPair
-from wil_campaign.recipes.pipeline.mixture import Mixed
+from wil_campaign.recipes.pipeline.mixture import MixedReading
 from wil_campaign.vehicles.readings import Reading
 
 
 def pair(reading: Reading) -> MixedPair:
-    return MixedPair(camera(source="real"), None, Mixed(reading, PROVENANCE))
+    return MixedPair(camera(source="real"), None, MixedReading(reading, PROVENANCE))
 
 
 def write(path: Path, readings: Iterable[Reading]) -> None:
-    with output_for(path, rate_hz=30.0, epoch_s=0.0) as output:
+    with output_for_file(path, rate_hz=30.0, epoch_s=0.0) as output:
         for reading in readings:
             output.receive("camera", pair(reading))
 

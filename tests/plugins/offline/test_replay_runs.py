@@ -14,11 +14,11 @@ from tests.orchestrator.conftest import SMALL_CAMERAS
 from tests.orchestrator.run.perception.test_perception import SMALLEST, Listening, recipe
 from tests.recipes.samples import beam, camera, cloud, plain, scan
 from wil_campaign.orchestrator.cli import main
-from wil_campaign.orchestrator.recording.mcap.mcap_chunks import End
+from wil_campaign.orchestrator.recording.mcap.mcap_chunks import RecordStreamEnd
 from wil_campaign.orchestrator.recording.mcap.mcap_writer import McapRecorder
 from wil_campaign.orchestrator.run_results.run_result import RunResult
-from wil_campaign.plugins.offline.reading_difference import difference
-from wil_campaign.plugins.offline.recorded_inputs import what_lacks
+from wil_campaign.plugins.offline.reading_difference import difference_of_readings
+from wil_campaign.plugins.offline.recorded_inputs import recording_lack_text
 from wil_campaign.plugins.python.mcap_reader import Recording
 from wil_campaign.recipes.language.recipe_files import load_recipe_file
 from wil_campaign.recipes.pipeline.pipeline import compile_recipe
@@ -273,9 +273,9 @@ def test_a_recording_without_mixtures_is_not_as_recorded(
 
 def test_messages_that_were_dropped_in_flight_are_reported(tmp_path: Path) -> None:
     recording = Recording(tmp_path)
-    recording.end = End(whole=True, read_bytes=9)
+    recording.end = RecordStreamEnd(whole=True, read_bytes=9)
     recording.counts = {"written": "9", "failed": "0", "dropped /real/camera": "3"}
-    assert what_lacks(recording) == "the recording lacks messages: dropped /real/camera 3"
+    assert recording_lack_text(recording) == "the recording lacks messages: dropped /real/camera 3"
 
 
 @pytest.mark.parametrize("place", ["run", "other"])
@@ -301,25 +301,27 @@ def test_a_replay_that_is_refused_leaves_an_earlier_one(
 
 
 def test_readings_are_compared_to_the_bit() -> None:
-    assert difference(beam(np.inf), beam(np.inf), exact=True) is None
-    assert difference(beam(np.nan), beam(np.nan), exact=True) is None
-    found = difference(beam(1.0), beam(1.5), exact=True)
+    assert difference_of_readings(beam(np.inf), beam(np.inf), exact=True) is None
+    assert difference_of_readings(beam(np.nan), beam(np.nan), exact=True) is None
+    found = difference_of_readings(beam(1.0), beam(1.5), exact=True)
     assert found is not None
     assert found.what == "range_m is 1.5 instead of 1.0"
-    assert difference(scan([1.0, np.inf]), scan([1.0, np.inf]), exact=True) is None
-    found = difference(scan([1.0, 2.0, np.inf, 4.0]), scan([1.0, 2.5, 3.0, 4.0]), exact=True)
+    assert difference_of_readings(scan([1.0, np.inf]), scan([1.0, np.inf]), exact=True) is None
+    found = difference_of_readings(
+        scan([1.0, 2.0, np.inf, 4.0]), scan([1.0, 2.5, 3.0, 4.0]), exact=True
+    )
     assert found is not None
     assert (found.share, found.worst) == (0.5, np.inf)
     assert found.mean == pytest.approx(1 / 6)
-    found = difference(cloud([[1, 2, 3]]), cloud([[1, 2, 3], [4, 5, 6]]), exact=True)
+    found = difference_of_readings(cloud([[1, 2, 3]]), cloud([[1, 2, 3], [4, 5, 6]]), exact=True)
     assert found is not None
     assert found.what == "points_frd_m is (2, 3) instead of (1, 3)"
     image = plain()
     image[0, 0] += 1
-    found = difference(camera(), camera(image), exact=True)
+    found = difference_of_readings(camera(), camera(image), exact=True)
     assert found is not None
     assert found.share == pytest.approx(1 / (48 * 64))
-    assert difference(camera(), camera(image), exact=False) is None
-    found = difference(camera(), replace(beam(1.0)), exact=True)
+    assert difference_of_readings(camera(), camera(image), exact=False) is None
+    found = difference_of_readings(camera(), replace(beam(1.0)), exact=True)
     assert found is not None
     assert found.what == "RangefinderReading instead of CameraReading"

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from wil_campaign.plugins.outlets.camera_component import CameraComponent, VideoStream
-from wil_campaign.vehicles.mavlink.codec import Codec
+from wil_campaign.vehicles.mavlink.codec import MavlinkCodec
 from wil_campaign.worlds.camera import Intrinsics
 
 CAMERA = Intrinsics.from_fov(641, 480, math.radians(69.0))
@@ -28,8 +28,8 @@ def command(number: int, *parameters: float, system: int = 2, target: int = 100)
 
 
 def over_the_wire(message: Any, *, system: int, component: int) -> Any:
-    sender = Codec(system_id=system, component_id=component)
-    (received,) = Codec(system_id=1, component_id=1).parse(sender.pack(message))
+    sender = MavlinkCodec(system_id=system, component_id=component)
+    (received,) = MavlinkCodec(system_id=1, component_id=1).parse(sender.pack(message))
     return received
 
 

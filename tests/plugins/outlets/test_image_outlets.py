@@ -10,12 +10,12 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from wil_campaign.campaigns.values.sensor_setups import CameraSetup
 from wil_campaign.plugins.outlets.camera_component import CameraComponent, VideoStream
 from wil_campaign.plugins.outlets.ground_station import GroundStation
-from wil_campaign.plugins.outlets.image_delivery import Delivery, DeliveryCounts
-from wil_campaign.plugins.outlets.image_outlets import Outlet, Outlets, image_delivery
+from wil_campaign.plugins.outlets.image_delivery import DeliveryCounts, ImageDelivery
+from wil_campaign.plugins.outlets.image_outlets import OpenOutlet, RunOutlets, image_delivery
 from wil_campaign.plugins.outlets.outlet_setups import ImageOutlet
 from wil_campaign.vehicles.links.link_strings import parse_link
 from wil_campaign.vehicles.links.udp import UdpLink
-from wil_campaign.vehicles.mavlink.codec import Codec
+from wil_campaign.vehicles.mavlink.codec import MavlinkCodec
 from wil_campaign.vehicles.readings import CameraReading, Source
 from wil_campaign.worlds.camera import CameraMount, Intrinsics
 
@@ -47,11 +47,11 @@ def reading(source: Source, sensor: str = "camera") -> CameraReading:
 
 def test_each_way_out_gets_its_own_images() -> None:
     mixed, twins, raw = Kept("mixed"), Kept("twins"), Kept("raw")
-    outlets = Outlets(
+    outlets = RunOutlets(
         [
-            Outlet(cast("Delivery", mixed), "camera", "real", perceived=True),
-            Outlet(cast("Delivery", twins), "camera", "twin", perceived=True),
-            Outlet(cast("Delivery", raw), "camera", "real", perceived=False),
+            OpenOutlet(cast("ImageDelivery", mixed), "camera", "real", perceived=True),
+            OpenOutlet(cast("ImageDelivery", twins), "camera", "twin", perceived=True),
+            OpenOutlet(cast("ImageDelivery", raw), "camera", "real", perceived=False),
         ]
     )
     outlets.perceived(reading("mixed"), ("real", "twin"))
@@ -94,7 +94,7 @@ class Screen:
 
     def __init__(self, port: socket.socket) -> None:
         self._port = port
-        self._codec = Codec(system_id=255, component_id=190)
+        self._codec = MavlinkCodec(system_id=255, component_id=190)
         self._waiting: list[Any] = []
         self.peer: Any = None
 

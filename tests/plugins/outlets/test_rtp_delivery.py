@@ -16,11 +16,11 @@ import numpy as np
 import pytest
 
 from tests.ports import free_port
-from wil_campaign.plugins.outlets.h264_encoder import H264Settings, to_frame
+from wil_campaign.plugins.outlets.h264_encoder import H264Settings, to_h264_frame
 from wil_campaign.plugins.outlets.image_delivery import (
-    Delivery,
     DeliveryCounts,
     DeliveryError,
+    ImageDelivery,
 )
 from wil_campaign.plugins.outlets.rtp import rtp_delivery
 from wil_campaign.plugins.outlets.sdp import RtpAddress, h264_sdp, split_parameter_sets
@@ -97,7 +97,7 @@ async def test_a_second_process_sees_the_images_that_were_published(
         sdp_path=sdp,
         key_interval_s=0.5,
     ) as delivery:
-        assert isinstance(delivery, Delivery)
+        assert isinstance(delivery, ImageDelivery)
         # Who comes late must see pictures as well: it starts while the stream runs.
         command = [sys.executable, "-c", RECEIVER, str(sdp), str(out), "30"]
         receiver = await asyncio.create_subprocess_exec(*command)
@@ -149,7 +149,7 @@ def test_every_key_picture_carries_the_parameter_sets_of_the_sdp() -> None:
     settings = H264Settings(rate_hz=10.0, key_interval_s=0.5)
     codec: Any = av.CodecContext.create("libx264", "w")
     settings.configure(codec, WIDTH, HEIGHT)
-    packets = [p for k in range(11) for p in codec.encode(to_frame(picture(k), 9000 * k))]
+    packets = [p for k in range(11) for p in codec.encode(to_h264_frame(picture(k), 9000 * k))]
     # One packet for one picture, at once: nothing is held back.
     assert len(packets) == 11
     assert [k for k, packet in enumerate(packets) if packet.is_keyframe] == [0, 5, 10]
@@ -166,7 +166,7 @@ def test_colours_come_back() -> None:
     encoder: Any = av.CodecContext.create("libx264", "w")
     settings.configure(encoder, WIDTH, HEIGHT)
     decoder: Any = av.CodecContext.create("h264", "r")
-    packets = encoder.encode(to_frame(flat, 0)) + encoder.encode(None)
+    packets = encoder.encode(to_h264_frame(flat, 0)) + encoder.encode(None)
     frames = [frame for packet in [*packets, None] for frame in decoder.decode(packet)]
     image = frames[0].to_ndarray(format="bgr24")
     assert np.abs(image.astype(int) - flat.astype(int)).max() <= 4

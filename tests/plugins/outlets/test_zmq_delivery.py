@@ -8,14 +8,14 @@ import pytest
 import zmq
 
 from tests.recipes.samples import imu
-from wil_campaign.plugins.outlets.image_delivery import Delivery, DeliveryError
+from wil_campaign.plugins.outlets.image_delivery import DeliveryError, ImageDelivery
 from wil_campaign.plugins.outlets.v4l2 import v4l2_delivery
 from wil_campaign.plugins.outlets.zmq_images import ZmqDelivery, published_parts
-from wil_campaign.plugins.readings.messagepack import Header
+from wil_campaign.plugins.readings.messagepack import MessageHeader
 from wil_campaign.plugins.simulator.image_parts import (
-    decode_depth,
-    decode_ids,
-    decode_image,
+    decode_depth_part,
+    decode_ids_part,
+    decode_image_part,
 )
 from wil_campaign.vehicles.readings import CameraReading
 from wil_campaign.worlds.camera import Intrinsics
@@ -36,7 +36,7 @@ async def test_a_subscriber_gets_the_picture_with_its_times() -> None:
     socket.subscribe(b"mixed")
     try:
         async with ZmqDelivery(address="tcp://127.0.0.1:*") as delivery:
-            assert isinstance(delivery, Delivery)
+            assert isinstance(delivery, ImageDelivery)
             socket.connect(delivery.endpoint)
             for _ in range(200):
                 delivery.deliver(READING)
@@ -45,7 +45,7 @@ async def test_a_subscriber_gets_the_picture_with_its_times() -> None:
             parts = socket.recv_multipart()
     finally:
         context.destroy(linger=0)
-    header = Header.unpack(parts[1])
+    header = MessageHeader.unpack(parts[1])
     assert parts[0] == b"mixed"
     assert (header.whole("seq"), header.number("t_s")) == (7, 12.5)
     assert header.number("arrived_s") == 12.6
@@ -53,9 +53,9 @@ async def test_a_subscriber_gets_the_picture_with_its_times() -> None:
     assert header.numbers("position_ned_m", 3) == (1.0, 2.0, -3.0)
     assert header.header("camera").whole("width_px") == 16
     assert [part.text("name") for part in header.headers("parts")] == ["image", "depth", "ids"]
-    assert np.array_equal(decode_image(parts[2], "bgr8", (16, 12)), IMAGE)
-    assert np.array_equal(decode_depth(parts[3], "f32", (16, 12)), DEPTH)
-    assert np.array_equal(decode_ids(parts[4], "u8", (16, 12)), IDS)
+    assert np.array_equal(decode_image_part(parts[2], "bgr8", (16, 12)), IMAGE)
+    assert np.array_equal(decode_depth_part(parts[3], "f32", (16, 12)), DEPTH)
+    assert np.array_equal(decode_ids_part(parts[4], "u8", (16, 12)), IDS)
 
 
 async def test_a_subscriber_gets_every_reading_of_a_fast_sensor() -> None:
@@ -77,7 +77,7 @@ async def test_a_subscriber_gets_every_reading_of_a_fast_sensor() -> None:
                     break
                 topic, header = socket.recv_multipart()
                 assert topic == b"fast"
-                got.append(Header.unpack(header).whole("seq"))
+                got.append(MessageHeader.unpack(header).whole("seq"))
     finally:
         context.destroy(linger=0)
     assert [one for one in got if one] == list(range(1, 101))
@@ -87,8 +87,8 @@ def test_a_live_picture_has_no_pose_and_may_be_compressed() -> None:
     live = CameraReading(1.0, 1.1, 0, "real", IMAGE, CAMERA, rendered=False)
     topic, header, image = published_parts(live, topic="real", encoding="png")
     assert topic == b"real"
-    assert "position_ned_m" not in Header.unpack(header)
-    assert np.array_equal(decode_image(image, "png", (16, 12)), IMAGE)
+    assert "position_ned_m" not in MessageHeader.unpack(header)
+    assert np.array_equal(decode_image_part(image, "png", (16, 12)), IMAGE)
 
 
 async def test_an_address_that_cannot_be_bound_and_a_wrong_encoding_are_refused() -> None:

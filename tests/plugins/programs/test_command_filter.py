@@ -6,24 +6,24 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from wil_campaign.plugins.programs.command_filter import CommandFilter
-from wil_campaign.vehicles.autopilots.autopilot import Target
-from wil_campaign.vehicles.mavlink.codec import Codec
-from wil_campaign.vehicles.mavlink.framing import Frame
+from wil_campaign.vehicles.autopilots.autopilot import MavlinkTarget
+from wil_campaign.vehicles.mavlink.codec import MavlinkCodec
+from wil_campaign.vehicles.mavlink.framing import MavlinkFrame
 
-PROGRAM = Codec(system_id=200, component_id=1)
+PROGRAM = MavlinkCodec(system_id=200, component_id=1)
 
 
-def frame(message: Any) -> Frame:
-    (one,) = Codec(system_id=1, component_id=1).split(PROGRAM.pack(message))
+def frame(message: Any) -> MavlinkFrame:
+    (one,) = MavlinkCodec(system_id=1, component_id=1).split(PROGRAM.pack(message))
     return one
 
 
-def command(number: int, *params: float) -> Frame:
+def command(number: int, *params: float) -> MavlinkFrame:
     filled = (*params, *[0.0] * (7 - len(params)))
     return frame(mavlink.MAVLink_command_long_message(1, 1, number, 0, *filled))
 
 
-def setpoint() -> Frame:
+def setpoint() -> MavlinkFrame:
     return frame(
         mavlink.MAVLink_set_position_target_local_ned_message(
             0, 1, 1, 1, 0b110111000111, 0, 0, 0, 1, 0, 0, 0, 0, 0, 0, 0
@@ -35,7 +35,7 @@ HEARTBEAT = frame(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3))
 
 
 def test_its_setpoints_pass_from_the_goal_on() -> None:
-    gate = CommandFilter(target=Target(1))
+    gate = CommandFilter(target=MavlinkTarget(1))
     assert gate.judge(setpoint()) == "later"
     gate.flying = True
     assert gate.judge(setpoint()) == "pass"
@@ -46,14 +46,14 @@ def test_its_setpoints_pass_from_the_goal_on() -> None:
 
 
 def test_setpoints_for_another_vehicle_are_not_passed_and_reported() -> None:
-    gate = CommandFilter(target=Target(2))
+    gate = CommandFilter(target=MavlinkTarget(2))
     gate.flying = True
     assert gate.judge(setpoint()) == "never"
     assert gate.trouble == "its setpoints are for system 1, but it flies system 2"
 
 
 def test_a_message_that_only_reads_always_passes() -> None:
-    gate = CommandFilter(target=Target(1))
+    gate = CommandFilter(target=MavlinkTarget(1))
     assert gate.judge(HEARTBEAT) == "pass"
     assert gate.judge(command(mavlink.MAV_CMD_REQUEST_MESSAGE, 148.0)) == "pass"
     assert gate.judge(frame(mavlink.MAVLink_timesync_message(0, 5))) == "pass"
@@ -74,18 +74,18 @@ def test_a_message_that_only_reads_always_passes() -> None:
     ],
 )
 def test_a_command_of_the_orchestrator_never_passes_and_is_answered(number: int) -> None:
-    gate = CommandFilter(target=Target(7, 1))
+    gate = CommandFilter(target=MavlinkTarget(7, 1))
     gate.flying = True
     asked = command(number, 1.0)
     assert gate.judge(asked) == "never"
-    (ack,) = Codec(system_id=1, component_id=1).parse(gate.refusal(asked, "never"))
+    (ack,) = MavlinkCodec(system_id=1, component_id=1).parse(gate.refusal(asked, "never"))
     assert (ack.get_type(), ack.command, ack.get_srcSystem()) == ("COMMAND_ACK", number, 7)
     assert ack.result == mavlink.MAV_RESULT_DENIED
     assert (ack.target_system, ack.target_component) == (200, 1)
 
 
 def test_parameters_fences_and_missions_are_not_its_own() -> None:
-    gate = CommandFilter(target=Target(1))
+    gate = CommandFilter(target=MavlinkTarget(1))
     gate.flying = True
     for message in (
         mavlink.MAVLink_param_set_message(1, 1, b"GF_ACTION", 0.0, 6),
@@ -99,9 +99,9 @@ def test_parameters_fences_and_missions_are_not_its_own() -> None:
 
 
 def test_a_command_that_comes_too_early_may_be_sent_again() -> None:
-    gate = CommandFilter(target=Target(1))
+    gate = CommandFilter(target=MavlinkTarget(1))
     asked = command(mavlink.MAV_CMD_DO_REPOSITION)
-    (ack,) = Codec(system_id=1, component_id=1).parse(gate.refusal(asked, gate.judge(asked)))
+    (ack,) = MavlinkCodec(system_id=1, component_id=1).parse(gate.refusal(asked, gate.judge(asked)))
     assert ack.result == mavlink.MAV_RESULT_TEMPORARILY_REJECTED
 
 
@@ -114,7 +114,7 @@ def setpoint_message(type_mask: int) -> Any:
 
 
 def test_the_kind_of_setpoint_follows_from_the_messages_that_passed() -> None:
-    gate = CommandFilter(target=Target(1))
+    gate = CommandFilter(target=MavlinkTarget(1))
     gate.judge(setpoint_message(0b110111111000))
     assert gate.steers_by is None  # it was not its turn
     gate.flying = True

@@ -21,10 +21,10 @@ from wil_campaign.orchestrator.state.run_state import RunState
 from wil_campaign.orchestrator.state.vehicle_context import VehicleContext
 from wil_campaign.plugins.programs.program_autonomy import ProgramAutonomy
 from wil_campaign.plugins.programs.program_runner import ProgramRunner
-from wil_campaign.vehicles.autopilots.autopilot import Target
+from wil_campaign.vehicles.autopilots.autopilot import MavlinkTarget
 from wil_campaign.vehicles.links.memory import memory_pair
 from wil_campaign.vehicles.links.tapped import TappedLink
-from wil_campaign.vehicles.mavlink.codec import Codec
+from wil_campaign.vehicles.mavlink.codec import MavlinkCodec
 from wil_campaign.vehicles.readings import CameraReading
 from wil_campaign.worlds.camera import CameraMount, Intrinsics
 
@@ -88,7 +88,7 @@ class Rig:
         self.context = FakeStation()
         far, near = memory_pair(latency_s=0.0, name="vehicle")
         self.far, self.link = far, TappedLink(near)
-        self.codec = Codec(system_id=1, component_id=1)
+        self.codec = MavlinkCodec(system_id=1, component_id=1)
         self.got: list[Any] = []
         self.far.receive(lambda data, _: self.got.extend(self.codec.parse(data)))
         self.run_state = RunState(time=asyncio.get_running_loop().time)
@@ -104,7 +104,7 @@ class Rig:
             program=ProgramAutonomy(tuple(command)),
             context=cast("VehicleContext", self.context),
             link=self.link,
-            target=Target(1),
+            target=MavlinkTarget(1),
             camera=CAMERA,
             run_state=self.run_state,
             folder=folder,

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tests.recipes.samples import beam
-from wil_campaign.plugins.outlets.image_delivery import Delivery, DeliveryCounts
+from wil_campaign.plugins.outlets.image_delivery import DeliveryCounts, ImageDelivery
 from wil_campaign.plugins.programs.program_video import ProgramVideo
 from wil_campaign.vehicles.readings import CameraReading
 from wil_campaign.worlds.camera import Intrinsics
@@ -36,7 +36,9 @@ def image(sensor: str) -> CameraReading:
 
 
 def video_of(delivery: Counted, period_s: float = 0.1) -> ProgramVideo:
-    return ProgramVideo(sensor="camera", period_s=period_s, delivery=cast("Delivery", delivery))
+    return ProgramVideo(
+        sensor="camera", period_s=period_s, delivery=cast("ImageDelivery", delivery)
+    )
 
 
 def test_images_of_another_camera_are_not_sent() -> None:

@@ -12,7 +12,7 @@ import pytest
 import wil_campaign
 from tests.orchestrator.hover import write_hover
 from tests.test_house import ROOT
-from wil_campaign.orchestrator.cli.engine_flight import only_runs
+from wil_campaign.orchestrator.cli.engine_flight import campaign_of_runs
 from wil_campaign.plugins.pytest import pytest_items
 
 MODULE = "wil_campaign.plugins.pytest.pytest_plugin"
@@ -236,10 +236,10 @@ def test_an_exit_code_that_the_runs_explain_is_no_further_error(
 
 def test_some_runs_of_a_campaign_are_a_campaign_that_says_what_is_missing(tmp_path: Path) -> None:
     campaign = wil_campaign.load(write_cases(tmp_path))
-    part = only_runs(campaign, {"good/sim/1", "late/sim/1"})
+    part = campaign_of_runs(campaign, {"good/sim/1", "late/sim/1"})
     assert [plan.name for plan in part.plans] == ["good/sim/1", "late/sim/1"]
     assert part.left_out == ("3 of 5 runs and controls",)
-    assert only_runs(campaign, [plan.name for plan in campaign.plans]).left_out == ()
+    assert campaign_of_runs(campaign, [plan.name for plan in campaign.plans]).left_out == ()
 
 
 def test_the_program_registers_the_plugin() -> None:

@@ -13,15 +13,15 @@ import pytest
 
 from wil_campaign.orchestrator.campaign.campaign_runner import (
     CampaignOutcome,
-    Watcher,
+    CampaignWatcher,
 )
 from wil_campaign.orchestrator.campaign.flight_options import USUAL
 from wil_campaign.orchestrator.cli.run_selection import ALL
 from wil_campaign.plugins.python import flight_process
 from wil_campaign.plugins.python.flight_messages import (
     CampaignEnded,
+    CampaignMessage,
     FlightRequest,
-    Message,
     encode_line,
     encode_request,
 )
@@ -65,7 +65,7 @@ def test_a_program_that_does_not_read_keeps_no_campaign_from_landing(
         yield None, None
 
     def fly(*arguments: Any) -> CampaignOutcome:
-        watcher: Watcher = arguments[-1]
+        watcher: CampaignWatcher = arguments[-1]
         for text in TEXTS:
             watcher.say(text)
         flown.set()
@@ -89,4 +89,7 @@ def test_a_program_that_does_not_read_keeps_no_campaign_from_landing(
         assert messages.read() == b""
     assert has_flown
     ended = CampaignEnded(folder=str(tmp_path), exit_code=4)
-    assert lines == [*(encode_line(Message(text=text)) for text in TEXTS), encode_line(ended)]
+    assert lines == [
+        *(encode_line(CampaignMessage(text=text)) for text in TEXTS),
+        encode_line(ended),
+    ]

@@ -20,7 +20,7 @@ from pymavlink import mavutil
 
 import wil_campaign
 from tests.plugins.python.test_python_docs import BLOCKS
-from wil_campaign.vehicles.faults import FaultError
+from wil_campaign.vehicles.faults import FaultTextError
 
 WITHIN_S = 30.0
 
@@ -76,9 +76,9 @@ async def test_pymavlink_finds_it_in_an_event_loop_and_faults_act() -> None:
         link.arducopter_arm()
         assert acknowledgement(link, 400) == 0
         link.close()
-        with pytest.raises(FaultError):
+        with pytest.raises(FaultTextError):
             vehicle.fault("motor 9")
-        with pytest.raises(FaultError, match="no camera"):
+        with pytest.raises(FaultTextError, match="no camera"):
             vehicle.fault("camera stop")
         pid = vehicle.pid
         vehicle.fault("mute@0+0.2")

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from wil_campaign.plugins.readings.messagepack import (
     MAX_HEADER_BYTES,
     BadMessageError,
-    Header,
-    pack,
+    MessageHeader,
+    pack_header,
 )
 
 VALUES = st.recursive(
@@ -22,8 +22,8 @@ VALUES = st.recursive(
 
 
 def test_each_reader_returns_its_kind() -> None:
-    header = Header.unpack(
-        pack(
+    header = MessageHeader.unpack(
+        pack_header(
             {
                 "word": "gate",
                 "seq": 7,
@@ -52,7 +52,7 @@ def test_each_reader_returns_its_kind() -> None:
 
 @given(value=VALUES)
 def test_no_value_gets_through_as_another_kind(value: object) -> None:
-    header = Header({"key": value})
+    header = MessageHeader({"key": value})
     for read, kind in (
         (header.text, str),
         (header.whole, int),
@@ -69,7 +69,7 @@ def test_no_value_gets_through_as_another_kind(value: object) -> None:
 @given(st.binary(max_size=200))
 def test_garbage_is_refused(data: bytes) -> None:
     try:
-        Header.unpack(data)
+        MessageHeader.unpack(data)
     except BadMessageError:
         return
     assert isinstance(msgpack.unpackb(data), dict)
@@ -80,8 +80,8 @@ def test_garbage_is_refused(data: bytes) -> None:
     [
         b"",
         b"\xc1",
-        pack({"a": 1})[:-1],
-        pack({"a": 1}) + b"\x00",
+        pack_header({"a": 1})[:-1],
+        pack_header({"a": 1}) + b"\x00",
         msgpack.packb([1, 2]),
         msgpack.packb({1: 2}),
         b"\x91" * 20_000 + b"\xc0",
@@ -92,12 +92,12 @@ def test_garbage_is_refused(data: bytes) -> None:
 )
 def test_known_kinds_of_garbage_are_refused(data: bytes) -> None:
     with pytest.raises(BadMessageError):
-        Header.unpack(data)
+        MessageHeader.unpack(data)
 
 
 @pytest.mark.parametrize("number", [float("nan"), float("inf"), True, "1", None, 10**400])
 def test_a_value_that_is_no_finite_number_is_refused(number: object) -> None:
     with pytest.raises(BadMessageError, match="finite"):
-        Header({"t_s": number}).number("t_s")
+        MessageHeader({"t_s": number}).number("t_s")
     with pytest.raises(BadMessageError, match="finite"):
-        Header({"q": [0.0, number]}).numbers("q", 2)
+        MessageHeader({"q": [0.0, number]}).numbers("q", 2)

@@ -24,7 +24,7 @@ from wil_campaign.vehicles.readings import (
     RangefinderReading,
     Reading,
 )
-from wil_campaign.vehicles.readings.checks import fault_after, fault_of
+from wil_campaign.vehicles.readings.checks import reading_fault, reading_fault_after
 from wil_campaign.vehicles.sources.camera_source import SourceError
 from wil_campaign.worlds.camera import Intrinsics
 from wil_campaign.worlds.frames import Pose, euler_from_quat, quat_from_euler
@@ -116,7 +116,9 @@ def test_a_stamp_of_0_loses_no_reading(
     found = read(write_bag(tmp_path / "bag.mcap", told, logged_s=logged_s), "rangefinder")
     steps = [after.t_s - before.t_s for before, after in itertools.pairwise(found)]
     assert steps == pytest.approx(steps_s, abs=0.011)
-    assert all(fault_after(after, before) is None for before, after in itertools.pairwise(found))
+    assert all(
+        reading_fault_after(after, before) is None for before, after in itertools.pairwise(found)
+    )
 
 
 @pytest.mark.parametrize(
@@ -165,7 +167,7 @@ def test_depth_images_are_in_millimetres_or_metres(
     bag = write_bag(tmp_path / "bag.mcap", [("/it", "sensor_msgs/msg/Image", AT_S, fields)])
     (found,) = read_depth(bag)
     assert found.depth_m == pytest.approx(SEEN_M)
-    assert (found.intrinsics, found.rendered, fault_of(found)) == (LENS, False, None)
+    assert (found.intrinsics, found.rendered, reading_fault(found)) == (LENS, False, None)
 
 
 def test_what_is_too_near_to_measure_is_at_the_lens(tmp_path: Path) -> None:
@@ -175,7 +177,7 @@ def test_what_is_too_near_to_measure_is_at_the_lens(tmp_path: Path) -> None:
     bag = write_bag(tmp_path / "bag.mcap", [("/it", "sensor_msgs/msg/Image", AT_S, fields)])
     (found,) = read_depth(bag, mount=NOSE)
     assert found.depth_m.tolist() == [[0.0, 2.0, math.inf], [math.inf, -1.0, 6.0]]
-    assert fault_of(found) is not None
+    assert reading_fault(found) is not None
     assert found.mount == NOSE
 
 
@@ -256,13 +258,13 @@ def test_a_beam_that_is_too_near_or_not_measured_is_no_free_space(tmp_path: Path
         read(path, "lidar")
     lost = [("/it", "sensor_msgs/msg/Range", AT_S, distance(math.nan))]
     (one,) = read(write_bag(tmp_path / "lost.mcap", lost), "rangefinder")
-    assert fault_of(one) is not None
+    assert reading_fault(one) is not None
 
 
 def test_a_scan_whose_sender_left_out_the_angle_between_beams_is_faulty(tmp_path: Path) -> None:
     fields = {**scan(1.0, 2.0), "angle_increment": 0.0}
     found = one_of(tmp_path, "lidar", "sensor_msgs/msg/LaserScan", fields)
-    fault = fault_of(found)
+    fault = reading_fault(found)
     assert fault is not None
     assert fault.kind == "out_of_range"
 
@@ -272,7 +274,9 @@ def test_a_fix_after_one_that_is_nowhere_is_read(tmp_path: Path, latitude_deg: f
     schema = "sensor_msgs/msg/NavSatFix"
     nowhere = {**fix(), "latitude": latitude_deg}
     bag = [("/gps", schema, AT_S + k, one) for k, one in enumerate((fix(), nowhere, fix(1e-5)))]
-    sound = [one for one in read(write_bag(tmp_path / "bag.mcap", bag), "gps") if not fault_of(one)]
+    sound = [
+        one for one in read(write_bag(tmp_path / "bag.mcap", bag), "gps") if not reading_fault(one)
+    ]
     assert [one.t_s - AT_S for one in sound] == pytest.approx([0.0, 2.0], abs=1e-6)
 
 

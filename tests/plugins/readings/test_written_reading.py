@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from tests.recipes.samples import beam, cloud, depth, fix, imu, pose, scan
-from wil_campaign.plugins.readings.messagepack import Header
+from wil_campaign.plugins.readings.messagepack import MessageHeader
 from wil_campaign.plugins.readings.reading_message import (
-    Sampled,
+    SampleStamps,
     read_envelope,
     read_header,
     read_reading,
@@ -48,7 +48,7 @@ def test_a_source_reads_back_what_was_written(reading: Reading) -> None:
     assert envelope.kind == sensor_type_of(reading)
     assert header.number("arrived_s") == reading.arrived_s
     mount = getattr(reading, "mount", Pose((0, 0, 0)))
-    when = Sampled(t_s=12.5, arrived_s=reading.arrived_s, side="twin", mount=mount)
+    when = SampleStamps(t_s=12.5, arrived_s=reading.arrived_s, side="twin", mount=mount)
     back = read_reading(header, envelope.kind, when)
     for field in fields(reading):
         if field.name not in {"seq", "sensor", "object_ids"}:
@@ -57,14 +57,14 @@ def test_a_source_reads_back_what_was_written(reading: Reading) -> None:
 
 def test_a_depth_image_has_its_camera() -> None:
     reading = depth(np.array([[1.0, math.inf], [2.0, 3.0]]))
-    header = Header.unpack(written_reading(reading), most_bytes=10_000)
+    header = MessageHeader.unpack(written_reading(reading), most_bytes=10_000)
     assert header.text("type") == "depth"
     camera = header.header("camera")
     size = camera.whole("height_px"), camera.whole("width_px")
     values = header.array("depth_m", np.dtype("<f4"), most=100).reshape(size)
     assert np.array_equal(values, reading.depth_m)
     assert camera.number("fx_px") == reading.intrinsics.fx_px
-    when = Sampled(1.0, 1.0, "twin", Pose((0, 0, 0)), reading.intrinsics)
+    when = SampleStamps(1.0, 1.0, "twin", Pose((0, 0, 0)), reading.intrinsics)
     back = read_reading(header, "depth", when)
     assert isinstance(back, DepthReading)
     assert np.array_equal(back.depth_m, reading.depth_m)

@@ -17,7 +17,7 @@ from wil_campaign.campaigns.schema.sources import SourcedPart
 from wil_campaign.plugins.readings import reading_message
 from wil_campaign.plugins.readings.messagepack import BadMessageError
 from wil_campaign.plugins.readings.reading_message import (
-    Sampled,
+    SampleStamps,
     read_envelope,
     read_header,
     read_reading,
@@ -32,12 +32,12 @@ from wil_campaign.vehicles.readings import (
     Reading,
     reading_types,
 )
-from wil_campaign.vehicles.readings.checks import fault_of
+from wil_campaign.vehicles.readings.checks import reading_fault
 from wil_campaign.vehicles.sources.camera_source import SourceError, SourceStalledError
 from wil_campaign.vehicles.sources.readings.live_readings import OLDEST_S
 from wil_campaign.worlds.frames import AT_ORIGIN
 
-WHEN = Sampled(10.0, 10.01, "real", AT_ORIGIN, LENS)
+WHEN = SampleStamps(10.0, 10.01, "real", AT_ORIGIN, LENS)
 SOURCED = sorted(
     get_args(part.model_fields["type"].annotation)[0]
     for part in sensor_parts()
@@ -57,7 +57,7 @@ def test_each_type_that_a_program_may_send_is_read_as_it_was_sent(kind: str) -> 
     for data in (msgpack.packb(message(kind)), json.dumps(message(kind)).encode()):
         found = read(data)
         assert type(found) is reading_types()[kind]
-        assert fault_of(found) is None
+        assert reading_fault(found) is None
         assert (found.t_s, found.arrived_s, found.source) == (10.0, 10.01, "real")
 
 

@@ -12,26 +12,30 @@ from wil_campaign.plugins.impaired_links.impaired import ImpairedLink, Radio
 from wil_campaign.plugins.impaired_links.impairment import Impairment
 from wil_campaign.plugins.redundant_links.redundant import SILENT_S, STEADY_S, RedundantLink
 from wil_campaign.plugins.stream_links.tcp import TcpInLink
-from wil_campaign.vehicles.autopilots.autopilot import Mode, Target, command_long
+from wil_campaign.vehicles.autopilots.autopilot import FlightMode, MavlinkTarget, command_long
 from wil_campaign.vehicles.driver import Driver
 from wil_campaign.vehicles.driver.vehicle_state import VehicleEvent
 from wil_campaign.vehicles.embedded.physics.config import EmbeddedConfig
 from wil_campaign.vehicles.embedded.vehicle import EmbeddedVehicle
 from wil_campaign.vehicles.links.link import Link, LinkError, Receiver
-from wil_campaign.vehicles.links.link_conditions import LinkConditions, LinkSite, under_conditions
+from wil_campaign.vehicles.links.link_conditions import (
+    LinkConditions,
+    LinkSite,
+    link_under_conditions,
+)
 from wil_campaign.vehicles.links.link_strings import LinkAddress
 from wil_campaign.vehicles.links.memory import memory_pair
-from wil_campaign.vehicles.mavlink.codec import Codec
+from wil_campaign.vehicles.mavlink.codec import MavlinkCodec
 from wil_campaign.vehicles.setpoints import VelocitySetpoint
 
-OURS = Codec(system_id=245, component_id=190)
-VEHICLE = Codec(system_id=1, component_id=1)
+OURS = MavlinkCodec(system_id=245, component_id=190)
+VEHICLE = MavlinkCodec(system_id=1, component_id=1)
 BEAT = mavlink.MAVLink_heartbeat_message(2, 12, 0, 0, 0, 3)
 HEARTBEAT = VEHICLE.pack(BEAT)
-OTHER_VEHICLES = Codec(system_id=2, component_id=1).pack(BEAT)
+OTHER_VEHICLES = MavlinkCodec(system_id=2, component_id=1).pack(BEAT)
 
 
-def _collect(box: list[Any], reader: Codec, data: bytes, _: object) -> None:
+def _collect(box: list[Any], reader: MavlinkCodec, data: bytes, _: object) -> None:
     box.extend(reader.parse(data))
 
 
@@ -74,7 +78,7 @@ class Ends:
         self.link.receive(lambda data, _: self.heard.append(data))
         self.far = [far for _, far in pairs]
         for far, box in zip(self.far, self.sent, strict=True):
-            reader = Codec(system_id=1, component_id=1)
+            reader = MavlinkCodec(system_id=1, component_id=1)
             far.receive(partial(_collect, box, reader))
 
     async def __aenter__(self) -> Self:
@@ -160,7 +164,7 @@ def test_another_vehicle_is_no_sign_of_life_of_this_one() -> None:
 
 def test_an_abort_goes_by_every_link_and_a_transaction_by_one() -> None:
     async def scenario() -> None:
-        target = Target(1)
+        target = MavlinkTarget(1)
         twice = [
             mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3),
             command_long(target, mavlink.MAV_CMD_DO_SET_MODE, 1.0),
@@ -193,7 +197,7 @@ def test_an_abort_goes_by_every_link_and_a_transaction_by_one() -> None:
 def test_rates_are_asked_for_again_by_the_link_that_takes_over() -> None:
     async def scenario() -> None:
         rates = [
-            command_long(Target(1), mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, number, us)
+            command_long(MavlinkTarget(1), mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, number, us)
             for number, us in ((32.0, 1e5), (31.0, 2e4), (32.0, 2e4))
         ]
         async with Ends() as ends:
@@ -216,7 +220,7 @@ def test_the_first_radio_dies_in_flight(autopilot: str) -> None:
         lossy = Impairment(loss=0.05)
         conditions = LinkConditions(air=(Radio(outgoing=lossy, incoming=lossy, seed=(0,)),))
         site = LinkSite(system_id=1, on_switch=told.append)
-        both = under_conditions([one, two], conditions, utc_s=0.0, site=site)
+        both = link_under_conditions([one, two], conditions, utc_s=0.0, site=site)
         config = EmbeddedConfig(autopilot=autopilot, running_s=60.0)
         async with (
             EmbeddedVehicle(config=config, link=TwoRadios([far_one, far_two]), seed=1) as vehicle,
@@ -234,7 +238,7 @@ def test_the_first_radio_dies_in_flight(autopilot: str) -> None:
             for _ in range(100):
                 driver.send(VelocitySetpoint((0.5, 0.0, 0.0)))
                 await asyncio.sleep(0.05)
-            assert driver.state.mode is Mode.GUIDED
+            assert driver.state.mode is FlightMode.GUIDED
             assert await driver.parameters.get(
                 "COM_OF_LOSS_T" if autopilot == "px4" else "GUID_TIMEOUT"
             )

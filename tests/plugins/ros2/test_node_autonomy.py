@@ -19,7 +19,7 @@ from wil_campaign.plugins.ros2.messages.ros_messages import (
 from wil_campaign.plugins.ros2.messages.ros_types import ros_types
 from wil_campaign.plugins.ros2.messages.topics import OWN, SETPOINTS, WORDS, OutTopic, sensor_topics
 from wil_campaign.plugins.ros2.node_autonomy import NodeAutonomy, NodeRules
-from wil_campaign.plugins.ros2.node_flight import in_topics
+from wil_campaign.plugins.ros2.node_flight import setpoint_topics
 from wil_campaign.plugins.ros2.node_topics import NodeTopics
 from wil_campaign.plugins.ros2.ros2_part import Ros2Part
 from wil_campaign.plugins.ros2.setpoint_inbox import InTopic, SetpointInbox
@@ -556,5 +556,5 @@ def test_setpoints_come_on_the_name_of_the_campaign() -> None:
 def test_a_twist_without_a_stamp_flies_by_the_name_of_the_other() -> None:
     names: dict[str, str | None] = {"/cmd_vel_unstamped": "/cmd_vel"}
     part = Ros2Part(command=["node"], topics=names)
-    assert in_topics(part, part.topics)["/cmd_vel"].type == "geometry_msgs/msg/Twist"
-    assert "/cmd_vel_unstamped" not in in_topics(part, part.topics)
+    assert setpoint_topics(part, part.topics)["/cmd_vel"].type == "geometry_msgs/msg/Twist"
+    assert "/cmd_vel_unstamped" not in setpoint_topics(part, part.topics)

@@ -10,7 +10,7 @@ from tests.plugins.ros2.px4.definitions import write_definitions
 from wil_campaign.campaigns.expansion.expansion import load_campaign
 from wil_campaign.campaigns.schema import campaign_model
 from wil_campaign.foundation.files.documents import BadInput
-from wil_campaign.orchestrator.cli.clock_choice import clock_for, shared_of
+from wil_campaign.orchestrator.cli.clock_choice import campaign_clock_for, shared_resources_of
 from wil_campaign.plugins.ros2.domains import claimed_domain
 from wil_campaign.plugins.ros2.rclpy_wire import open_rclpy
 from wil_campaign.plugins.ros2.ros2_part import Ros2Part
@@ -103,8 +103,8 @@ def test_the_clock_follows_from_what_time_waits_for(
     tmp_path: Path, text: str, clock: str, shared: tuple[str, ...]
 ) -> None:
     campaign = load_campaign(node_file(tmp_path, text))
-    assert clock_for(campaign, None) == clock
-    assert shared_of(campaign) == shared
+    assert campaign_clock_for(campaign, None) == clock
+    assert shared_resources_of(campaign) == shared
 
 
 def test_a_node_without_a_barrier_does_not_fly_in_virtual_time(tmp_path: Path) -> None:
@@ -112,7 +112,7 @@ def test_a_node_without_a_barrier_does_not_fly_in_virtual_time(tmp_path: Path) -
     with pytest.raises(
         BadInput, match=r"the ROS 2 node sh \(without a barrier\) runs in real time"
     ):
-        clock_for(campaign, "virtual")
+        campaign_clock_for(campaign, "virtual")
 
 
 @pytest.mark.parametrize(

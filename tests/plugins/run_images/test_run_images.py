@@ -12,13 +12,13 @@ from tests.orchestrator.mcap_runs import recorder
 from tests.orchestrator.report.recorded_campaign import GOAL_S, TOUCHED_S, write_campaign
 from wil_campaign.orchestrator.cli import main
 from wil_campaign.orchestrator.reading.errors import ResultsFolderError
-from wil_campaign.orchestrator.reading.results_folder import read_campaign
+from wil_campaign.orchestrator.reading.results_folder import read_campaign_documents
 from wil_campaign.orchestrator.recording.mcap.mcap_settings import EXACT, RecordingSettings
 from wil_campaign.orchestrator.report.reading.run_reader import read_run
 from wil_campaign.orchestrator.report.reading.sight_decoding import ImageSize
-from wil_campaign.orchestrator.run_results.run_result import Also
+from wil_campaign.orchestrator.run_results.run_result import LaterEvent
 from wil_campaign.plugins.run_images.card import SIZE_PX, draw_card
-from wil_campaign.plugins.run_images.drawing import SUBJECTS, VERDICTS, Sheet
+from wil_campaign.plugins.run_images.drawing import SUBJECTS, VERDICTS, DrawingSheet
 from wil_campaign.plugins.run_images.image_writer import write_card, write_moving_picture
 from wil_campaign.plugins.run_images.recorded_images import (
     ImagesAtTime,
@@ -98,10 +98,10 @@ def test_a_run_without_images_has_a_card_and_no_moving_picture(folder: Path) -> 
 
 
 def test_the_card_of_a_failure_with_unsound_evidence_says_so(folder: Path) -> None:
-    campaign = read_campaign(folder)
+    campaign = read_campaign_documents(folder)
     run = read_run(folder, campaign.entries[0], ImageSize.for_runs(1))
     assert run.result is not None
-    unseen = Also("INVALID", "mixing of camera: the mixture never showed gate", 9.0)
+    unseen = LaterEvent("INVALID", "mixing of camera: the mixture never showed gate", 9.0)
     doubted = replace(run, result=replace(run.result, verdict="FAIL", also=(unseen,)))
     for shown, is_said in ((run, False), (doubted, True)):
         draw_card(shown, "gate", None).image.save(folder / "card.png")
@@ -109,7 +109,7 @@ def test_the_card_of_a_failure_with_unsound_evidence_says_so(folder: Path) -> No
 
 
 def test_colours_of_depths_have_their_scale_on_the_card(folder: Path) -> None:
-    campaign = read_campaign(folder)
+    campaign = read_campaign_documents(folder)
     run = read_run(folder, campaign.entries[0], ImageSize.for_runs(1))
     nearest: tuple[int, int, int] = tuple(depth_scale(1, 1)[0, 0, ::-1].tolist())
     for far_m in (None, 3.0):
@@ -183,7 +183,7 @@ def test_the_command_writes_both_and_names_them(
 
 
 def test_a_line_that_is_too_long_is_cut_and_a_text_wraps() -> None:
-    sheet = Sheet(200, 100)
+    sheet = DrawingSheet(200, 100)
     cut = sheet.fitted("a very long sentence about a flight", 14, 100.0)
     assert cut.endswith("…")
     assert sheet.width_of(cut, 14) <= 100.0

@@ -7,8 +7,8 @@ import pytest
 import yaml
 
 from tests.plugins.search.searches import SEARCH, write_search
-from wil_campaign.campaigns.expansion.expansion import Campaign, Options, load_campaign
-from wil_campaign.plugins.search.exploration.model import FailingCase, Variant
+from wil_campaign.campaigns.expansion.expansion import Campaign, ExpansionOptions, load_campaign
+from wil_campaign.plugins.search.exploration.model import FailingCase, SearchVariant
 from wil_campaign.plugins.search.exploration.search_file import load_search
 from wil_campaign.plugins.search.exploration.space import Values
 from wil_campaign.plugins.search.search_runner import failure_text
@@ -22,14 +22,14 @@ CHOICES = """\
 def failure_of(path: Path, values: Values, *sets: str, **more: Any) -> tuple[str, Campaign]:
     """Write the file of a failure into another folder; return its text, and what it loads as."""
     case = FailingCase(
-        variant=Variant(name="v0001", values=values),
+        variant=SearchVariant(name="v0001", values=values),
         mode="sim",
         standing="confirmed",
         cause="altitude/twin",
         failed=2,
         proven=2,
         interval=None,
-        reduced=Variant(name="v0001-r01", values=values, of="v0001"),
+        reduced=SearchVariant(name="v0001-r01", values=values, of="v0001"),
         reduced_failed=2,
         reduced_proven=2,
         **more,
@@ -37,7 +37,7 @@ def failure_of(path: Path, values: Values, *sets: str, **more: Any) -> tuple[str
     folder = path.parent / "out" / "failures"
     folder.mkdir(parents=True)
     file = folder / "v0001.yaml"
-    file.write_text(failure_text(load_search(path, Options(sets=sets)), case, folder))
+    file.write_text(failure_text(load_search(path, ExpansionOptions(sets=sets)), case, folder))
     return file.read_text(), load_campaign(file)
 
 

@@ -7,13 +7,18 @@ from typing import Any
 import pytest
 
 from tests.plugins.search.searches import LIMIT_M, SEARCH, write_search
-from wil_campaign.campaigns.expansion.expansion import Campaign, Options
-from wil_campaign.orchestrator.campaign.flight_options import Cleared, FlightOptions
+from wil_campaign.campaigns.expansion.expansion import Campaign, ExpansionOptions
+from wil_campaign.orchestrator.campaign.flight_options import ClearedCampaign, FlightOptions
 from wil_campaign.orchestrator.campaign.workers import run_engine
 from wil_campaign.orchestrator.campaign.workers.run_order import fly_order
 from wil_campaign.orchestrator.cli import main
 from wil_campaign.orchestrator.cli.progress_display import SilentDisplay
-from wil_campaign.orchestrator.operator.run_messages import Inbox, News, Progress, Report
+from wil_campaign.orchestrator.operator.run_messages import (
+    News,
+    OperatorInbox,
+    Report,
+    RunProgressReport,
+)
 from wil_campaign.orchestrator.run_results.result_reader import read_result
 from wil_campaign.orchestrator.run_results.run_result import RunResult
 from wil_campaign.orchestrator.state.run_setup import RunOrder
@@ -80,7 +85,7 @@ class Orphaned:
         self._has_told = False
 
     def report(self, news: News) -> None:
-        if isinstance(news, Progress):
+        if isinstance(news, RunProgressReport):
             heights_m = [
                 -vehicle.position_ned_m[2] for vehicle in news.vehicles if vehicle.position_ned_m
             ]
@@ -94,7 +99,7 @@ class Orphaned:
         return OperatorCommand("abort", "the run itself: its parent process died")
 
 
-def fly_cut_off(order: RunOrder, report: Report, _: Inbox) -> RunResult:
+def fly_cut_off(order: RunOrder, report: Report, _: OperatorInbox) -> RunResult:
     """Fly an order whose program dies when it has failed; lives in the worker process."""
     orphaned = Orphaned(report)
     return fly_order(order, orphaned.report, orphaned)
@@ -119,15 +124,15 @@ class KilledEngine:
 
 @pytest.mark.usefixtures("forked_workers")
 def test_a_search_killed_after_a_flight_had_failed_comes_to_the_same(tmp_path: Path) -> None:
-    engine = BatchEngine(cleared=Cleared("virtual", 1), watcher=SilentDisplay())
+    engine = BatchEngine(cleared=ClearedCampaign("virtual", 1), watcher=SilentDisplay())
     documents: dict[str, Any] = {}
     for name in ("whole", "killed"):
         (tmp_path / name).mkdir()
         path = write_search(
             tmp_path / name, SEARCH.replace("steps: 3", "steps: 2").replace("sim: 3", "sim: 2")
         )
-        search, out = load_search(path, Options()), tmp_path / name / "out"
-        options, cleared = FlightOptions(out=out), Cleared("virtual", 2)
+        search, out = load_search(path, ExpansionOptions()), tmp_path / name / "out"
+        options, cleared = FlightOptions(out=out), ClearedCampaign("virtual", 2)
         if name == "killed":
             with pytest.raises(KilledError):
                 fly_search(search, options, cleared, KilledEngine(engine), lambda _: None)

@@ -8,8 +8,8 @@ from typing import Any
 import pytest
 
 from tests.plugins.search.searches import SEARCH, MadeUpEngine, write_search
-from wil_campaign.campaigns.expansion.expansion import Options, load_campaign
-from wil_campaign.orchestrator.campaign.flight_options import Cleared, FlightOptions
+from wil_campaign.campaigns.expansion.expansion import ExpansionOptions, load_campaign
+from wil_campaign.orchestrator.campaign.flight_options import ClearedCampaign, FlightOptions
 from wil_campaign.orchestrator.campaign.resuming.unchanged_campaign import ResumeError
 from wil_campaign.orchestrator.cli import main
 from wil_campaign.plugins.search.errors import SearchError
@@ -35,8 +35,8 @@ def flown(
     sets: tuple[str, ...] = (),
 ) -> SearchOutcome:
     options = FlightOptions(out=path.parent / "out", resume=resume)
-    search = load_search(path, Options(sets=sets))
-    return fly_search(search, options, Cleared("virtual", at_once), engine, lambda _: None)
+    search = load_search(path, ExpansionOptions(sets=sets))
+    return fly_search(search, options, ClearedCampaign("virtual", at_once), engine, lambda _: None)
 
 
 def document(outcome: SearchOutcome) -> dict[str, Any]:
@@ -231,7 +231,7 @@ def test_a_search_that_proved_nothing_of_half_its_variants_is_3(
     path = write_search(tmp_path, TPE)
     outcome = flown(path, MadeUpEngine(verdict=some))
     assert (len(outcome.findings.tried), outcome.exit_code) == (4, code)
-    said = search_text(load_search(path, Options()), outcome)
+    said = search_text(load_search(path, ExpansionOptions()), outcome)
     assert f"{4 - passes} of 4 variants proved nothing: INVALID or ERROR" in said
 
 
@@ -270,7 +270,7 @@ def test_a_rate_is_printed_and_a_failure_that_comes_back_ends_with_3(
     path = write_search(tmp_path, search)
     outcome = flown(path, MadeUpEngine(verdict=seldom))
     assert outcome.exit_code == code
-    assert said in search_text(load_search(path, Options()), outcome)
+    assert said in search_text(load_search(path, ExpansionOptions()), outcome)
 
 
 def test_variants_are_overridden_after_the_settings_of_the_command_line(tmp_path: Path) -> None:

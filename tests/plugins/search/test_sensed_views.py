@@ -10,7 +10,7 @@ from wil_campaign.campaigns.expansion.expansion import RunPlan, load_campaign
 from wil_campaign.orchestrator.recording.judge_log_file import FILE_NAME, JudgeLogWriter
 from wil_campaign.plugins.search.exploration.sensed import SensedView
 from wil_campaign.plugins.search.sensed_views import sensed_views
-from wil_campaign.safety.evaluation.judge_log import WorldEvent
+from wil_campaign.safety.evaluation.judge_log import LoggedWorldEvent
 from wil_campaign.safety.model.samples import PoseSample, Stage, StageSample
 from wil_campaign.worlds.frames import Pose
 
@@ -60,7 +60,7 @@ def write_log(folder: Path, path_m: list[tuple[float, float]], *, last: Stage = 
     with JudgeLogWriter(path=folder / FILE_NAME) as log:
         log.write(StageSample(0.0, "takeoff"))
         log.write(PoseSample(1.0, "twin", Pose.of(4.4, 0.0, 1.2), (0.0, 0.0, 0.0)))
-        log.write(WorldEvent(10.0, "goal"))
+        log.write(LoggedWorldEvent(10.0, "goal"))
         log.write(StageSample(10.0, "goal"))
         for second, (north_m, yaw_rad) in enumerate(path_m):
             pose = Pose.of(north_m, 0.0, 1.2, yaw_rad=yaw_rad)

@@ -13,27 +13,29 @@ import pytest
 os.environ.setdefault("MUJOCO_GL", "egl")
 pytest.importorskip("mujoco", reason="MuJoCo is no dependency: pip install mujoco, with EGL")
 
-from wil_campaign.plugins.readings.messagepack import Header
+from wil_campaign.plugins.readings.messagepack import MessageHeader
 from wil_campaign.plugins.simulator.mujoco_simulator import MujocoSimulator
-from wil_campaign.plugins.simulator.shown_world import asked_world, disagreements
+from wil_campaign.plugins.simulator.shown_world import asked_world, world_disagreements
 from wil_campaign.plugins.simulator.simulator_protocol import (
-    Ask,
-    RefusedError,
+    ImageRequest,
+    SimulatorRefusedError,
     ask_parts,
     hello_parts,
-    image_of,
+    simulated_image_of,
     welcome_of,
 )
 from wil_campaign.worlds.camera import Intrinsics
 from wil_campaign.worlds.frames import Pose
 from wil_campaign.worlds.render.renderer import Renderer
 from wil_campaign.worlds.scene.scene import Scene, SceneObject
-from wil_campaign.worlds.scene.shapes import box, gate
+from wil_campaign.worlds.scene.shapes import box_shape, gate_shape
 
 BLOCK_AND_GATE = Scene(
     (
-        SceneObject(1, "block", box((0.4, 0.6, 0.8)), Pose.of(4.0, -1.0, 0.4, yaw_rad=0.3)),
-        SceneObject(2, "gate", gate("square", 1.0, 0.1), Pose.of(3.0, 1.1, 1.2, yaw_rad=-0.2)),
+        SceneObject(1, "block", box_shape((0.4, 0.6, 0.8)), Pose.of(4.0, -1.0, 0.4, yaw_rad=0.3)),
+        SceneObject(
+            2, "gate", gate_shape("square", 1.0, 0.1), Pose.of(3.0, 1.1, 1.2, yaw_rad=-0.2)
+        ),
     )
 )
 CAMERAS = {
@@ -56,11 +58,11 @@ def greet(simulator: MujocoSimulator, scene: Scene) -> tuple[str, ...]:
     asked = asked_world(scene, world="gate", case="large")
     welcome = welcome_of(simulator.reply([bytes(part) for part in hello_parts(asked)]))
     assert welcome.objects == tuple(thing.name for thing in scene.objects)
-    return disagreements(asked, welcome.shown)
+    return world_disagreements(asked, welcome.shown)
 
 
-def asked(simulator: MujocoSimulator, ask: Ask) -> Any:
-    return image_of(simulator.reply([bytes(part) for part in ask_parts(ask)]), ask)
+def asked(simulator: MujocoSimulator, ask: ImageRequest) -> Any:
+    return simulated_image_of(simulator.reply([bytes(part) for part in ask_parts(ask)]), ask)
 
 
 @pytest.mark.parametrize("camera", CAMERAS.values(), ids=CAMERAS)
@@ -69,7 +71,7 @@ def test_ids_and_depth_are_where_our_renderer_has_them(
     simulator: MujocoSimulator, camera: Intrinsics, pose: Pose
 ) -> None:
     assert greet(simulator, BLOCK_AND_GATE) == ()
-    seen = asked(simulator, Ask(1, 0.0, pose, camera, want_depth=True, want_ids=True))
+    seen = asked(simulator, ImageRequest(1, 0.0, pose, camera, want_depth=True, want_ids=True))
     ours = Renderer(BLOCK_AND_GATE).render(pose, camera, 0.0, {}, want_depth=True, want_ids=True)
     assert ours.depth_m is not None
     assert 2 in seen.object_ids
@@ -84,7 +86,9 @@ def test_a_moved_object_is_drawn_where_it_was_requested(simulator: MujocoSimulat
     greet(simulator, BLOCK_AND_GATE)
     moved = Pose.of(3.0, 0.2, 1.0, yaw_rad=0.4)
     camera, pose = CAMERAS["straight"], POSES[0]
-    seen = asked(simulator, Ask(1, 0.0, pose, camera, want_ids=True, moved={"gate": moved}))
+    seen = asked(
+        simulator, ImageRequest(1, 0.0, pose, camera, want_ids=True, moved={"gate": moved})
+    )
     gate_there = SceneObject(2, "gate", BLOCK_AND_GATE["gate"].shape, moved)
     scene = Scene((BLOCK_AND_GATE["block"], gate_there))
     ours = Renderer(scene).render(pose, camera, 0.0, {}, want_ids=True)
@@ -92,9 +96,9 @@ def test_a_moved_object_is_drawn_where_it_was_requested(simulator: MujocoSimulat
 
 
 def test_a_shape_that_it_cannot_draw_is_refused(simulator: MujocoSimulator) -> None:
-    ring = Scene((SceneObject(2, "gate", gate("ring", 1.0, 0.1), Pose.of(3.0, 0.0, 1.2)),))
+    ring = Scene((SceneObject(2, "gate", gate_shape("ring", 1.0, 0.1), Pose.of(3.0, 0.0, 1.2)),))
     hello = hello_parts(asked_world(ring, world="gate", case="large"))
     reply = simulator.reply([bytes(part) for part in hello])
-    assert Header.unpack(reply[0]).text("type") == "error"
-    with pytest.raises(RefusedError, match="draws no ring gate"):
+    assert MessageHeader.unpack(reply[0]).text("type") == "error"
+    with pytest.raises(SimulatorRefusedError, match="draws no ring gate"):
         welcome_of(reply)

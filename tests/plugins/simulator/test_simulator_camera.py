@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from tests.plugins.simulator.replier import Replier, Reply
-from wil_campaign.foundation.files.documents import load
+from wil_campaign.foundation.files.documents import load_document
 from wil_campaign.plugins.simulator.shown_world import asked_world
 from wil_campaign.plugins.simulator.simulator_camera import (
     SimulatorError,
@@ -27,14 +27,14 @@ from wil_campaign.worlds.camera import Intrinsics
 from wil_campaign.worlds.frames import Pose
 from wil_campaign.worlds.render.renderer import Renderer
 from wil_campaign.worlds.scene.scene import Scene, SceneObject
-from wil_campaign.worlds.scene.shapes import gate
+from wil_campaign.worlds.scene.shapes import gate_shape
 from wil_campaign.worlds.world_file.world import World
 
 ROOT = Path(__file__).parents[3]
 WORLD = ROOT / "worlds" / "gate.yaml"
 CAMERA = Intrinsics.from_fov(160, 120, math.radians(69.0))
 AHEAD = Pose.of(0.0, 0.0, 1.2)
-SMALL_GATE = SceneObject(2, "gate", gate("square", 0.5, 0.1), Pose.of(3.0, 1.1, 1.2))
+SMALL_GATE = SceneObject(2, "gate", gate_shape("square", 0.5, 0.1), Pose.of(3.0, 1.1, 1.2))
 WORLD_ASKED = asked_world(Scene((SMALL_GATE,)), world="gate", case="small")
 
 
@@ -86,7 +86,7 @@ async def ask(source: ZmqImageSource) -> int:
 async def test_the_reference_simulator_draws_what_our_renderer_draws(
     reference: tuple[str, "subprocess.Popen[str]"],
 ) -> None:
-    renderer = Renderer(World.parse(load(WORLD)).scene("wil", "Wv"))
+    renderer = Renderer(World.parse(load_document(WORLD)).scene("wil", "Wv"))
     pose = Pose.of(0.4, -0.2, 1.3, yaw_rad=0.1, pitch_rad=-0.05)
     async with ZmqImageSource(address=reference[0], timeout_s=20.0, open_timeout_s=20.0) as source:
         assert source.welcome.objects == ("cage", "gate")

@@ -20,10 +20,10 @@ from wil_campaign.worlds.camera import Intrinsics
 from wil_campaign.worlds.frames import Pose
 from wil_campaign.worlds.render.renderer import Renderer
 from wil_campaign.worlds.scene.scene import Scene, SceneObject
-from wil_campaign.worlds.scene.shapes import box, gate, person
+from wil_campaign.worlds.scene.shapes import box_shape, gate_shape, person_shape
 
 CAMERA = Intrinsics.from_fov(320, 240, math.radians(69.0))
-GATE = SceneObject(2, "gate", gate("square", 1.0, 0.1), Pose.of(3.0, 0.5, 1.2))
+GATE = SceneObject(2, "gate", gate_shape("square", 1.0, 0.1), Pose.of(3.0, 0.5, 1.2))
 ASKED = Scene((GATE,))
 PERIOD_S = 1 / 15
 
@@ -92,8 +92,8 @@ async def test_the_judged_world_is_no_fault_and_costs_two_pictures_of_ids_a_seco
 @pytest.mark.parametrize(
     "wrong",
     [
-        replace(GATE, shape=gate("square", 0.5, 0.1)),
-        replace(GATE, shape=gate("square", 1.2, 0.1)),
+        replace(GATE, shape=gate_shape("square", 0.5, 0.1)),
+        replace(GATE, shape=gate_shape("square", 1.2, 0.1)),
         replace(GATE, pose=Pose.of(3.0, 0.7, 1.2)),
         replace(GATE, pose=Pose.of(3.3, 0.5, 1.2)),
     ],
@@ -132,8 +132,8 @@ async def test_a_gate_where_none_can_be_in_view_is_a_fault() -> None:
 
 
 async def test_a_person_may_be_another_model_and_stands_in_its_place() -> None:
-    someone = SceneObject(2, "gate", person(), Pose.of(4.0, 0.3, 0.0))
-    like = replace(someone, shape=box((0.3, 0.5, 1.75)), pose=Pose.of(4.0, 0.3, 0.875))
+    someone = SceneObject(2, "gate", person_shape(), Pose.of(4.0, 0.3, 0.0))
+    like = replace(someone, shape=box_shape((0.3, 0.5, 1.75)), pose=Pose.of(4.0, 0.3, 0.875))
     away = replace(like, pose=Pose.of(4.0, -0.7, 0.875))
     with StandIn(always(like)) as stand_in:
         check = await flown(stand_in, asked=Scene((someone,)))

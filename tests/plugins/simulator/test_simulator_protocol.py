@@ -7,24 +7,26 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from wil_campaign.plugins.readings.messagepack import BadMessageError, Header, pack
+from wil_campaign.plugins.readings.messagepack import BadMessageError, MessageHeader, pack_header
 from wil_campaign.plugins.simulator.shown_world import AskedWorld
 from wil_campaign.plugins.simulator.simulator_protocol import (
     PROTOCOL,
-    Ask,
+    ImageRequest,
     LateAnswerError,
-    RefusedError,
-    Welcome,
+    SimulatorRefusedError,
+    SimulatorWelcome,
     ask_parts,
     hello_parts,
-    image_of,
+    simulated_image_of,
     welcome_of,
 )
 from wil_campaign.worlds.camera import Intrinsics
 from wil_campaign.worlds.frames import Pose
 
 SMALL = Intrinsics(8, 6, 10.0, 11.0, 3.5, 2.5, (0.1, 0.0, 0.0, 0.0, 0.0))
-ASK = Ask(5, 12.25, Pose.of(1.0, 2.0, 3.0, yaw_rad=0.7), SMALL, want_depth=True, want_ids=True)
+ASK = ImageRequest(
+    5, 12.25, Pose.of(1.0, 2.0, 3.0, yaw_rad=0.7), SMALL, want_depth=True, want_ids=True
+)
 IMAGE = np.arange(144, dtype=np.uint8).reshape(6, 8, 3)
 DEPTH = np.full((6, 8), 2.5, np.float32)
 IDS = np.ones((6, 8), np.uint8)
@@ -48,18 +50,18 @@ def right(**changed: Any) -> dict[str, Any]:
 
 
 def answer(header: dict[str, Any]) -> list[bytes]:
-    return [pack(header), IMAGE.tobytes(), DEPTH.tobytes(), IDS.tobytes()]
+    return [pack_header(header), IMAGE.tobytes(), DEPTH.tobytes(), IDS.tobytes()]
 
 
 def test_a_question_carries_all_that_a_simulator_needs() -> None:
-    asked = Ask(
+    asked = ImageRequest(
         *(5, 12.25, ASK.camera_pose, SMALL),
         want_ids=True,
         events={"start": 3.0},
         moved={"walker": Pose.of(1.0, 2.0, 0.5)},
     )
     (data,) = ask_parts(asked)
-    header = Header.unpack(data)
+    header = MessageHeader.unpack(data)
     assert header.text("protocol") == PROTOCOL
     assert (header.text("type"), header.whole("seq"), header.number("t_s")) == ("ask", 5, 12.25)
     assert header.numbers("position_ned_m", 3) == ASK.camera_pose.position_ned_m
@@ -75,7 +77,7 @@ def test_a_question_carries_all_that_a_simulator_needs() -> None:
 
 
 def test_the_right_answer_is_taken() -> None:
-    picture = image_of(answer(right()), ASK)
+    picture = simulated_image_of(answer(right()), ASK)
     assert np.array_equal(picture.image_bgr, IMAGE)
     assert picture.depth_m is not None
     assert picture.object_ids is not None
@@ -84,8 +86,8 @@ def test_the_right_answer_is_taken() -> None:
 
 
 def test_depth_and_ids_that_were_not_requested_are_dropped() -> None:
-    ask = Ask(5, 12.25, ASK.camera_pose, SMALL)
-    picture = image_of(answer(right()), ask)
+    ask = ImageRequest(5, 12.25, ASK.camera_pose, SMALL)
+    picture = simulated_image_of(answer(right()), ask)
     assert picture.depth_m is None
     assert picture.object_ids is None
 
@@ -97,7 +99,7 @@ def test_an_echo_may_have_been_through_single_precision() -> None:
         q_wxyz=[float(np.float32(-x)) for x in pose.q_wxyz],
         t_s=float(np.float32(12.25)),
     )
-    image_of(answer(header), ASK)
+    simulated_image_of(answer(header), ASK)
 
 
 @pytest.mark.parametrize(
@@ -124,11 +126,11 @@ def test_an_echo_may_have_been_through_single_precision() -> None:
 )
 def test_a_wrong_answer_says_what_is_wrong(changed: dict[str, Any], words: str) -> None:
     with pytest.raises(BadMessageError, match=words):
-        image_of(answer(right(**changed)), ASK)
+        simulated_image_of(answer(right(**changed)), ASK)
 
 
 def test_wrong_arrays_are_refused() -> None:
-    header = pack(right())
+    header = pack_header(right())
     good = [IMAGE.tobytes(), DEPTH.tobytes(), IDS.tobytes()]
     nan = DEPTH.copy()
     nan[0, 0] = np.nan
@@ -136,26 +138,28 @@ def test_wrong_arrays_are_refused() -> None:
         parts = [header, *good]
         parts[k + 1] = bad
         with pytest.raises(BadMessageError, match=r"image|depth|ids"):
-            image_of(parts, ASK)
+            simulated_image_of(parts, ASK)
     with pytest.raises(BadMessageError, match="lists 3 parts, 2 arrived"):
-        image_of([header, *good[:2]], ASK)
+        simulated_image_of([header, *good[:2]], ASK)
     for count in (0, 20):
         with pytest.raises(BadMessageError, match="parts"):
-            image_of([header] * count, ASK)
+            simulated_image_of([header] * count, ASK)
 
 
 def test_late_answers_and_refusals_are_distinguished() -> None:
     with pytest.raises(LateAnswerError, match="request 4"):
-        image_of(answer(right(seq=4, t_s=0.0)), ASK)
-    refusal = pack({"protocol": PROTOCOL, "type": "error", "seq": 5, "message": "no such map"})
-    with pytest.raises(RefusedError, match="no such map"):
-        image_of([refusal], ASK)
+        simulated_image_of(answer(right(seq=4, t_s=0.0)), ASK)
+    refusal = pack_header(
+        {"protocol": PROTOCOL, "type": "error", "seq": 5, "message": "no such map"}
+    )
+    with pytest.raises(SimulatorRefusedError, match="no such map"):
+        simulated_image_of([refusal], ASK)
 
 
 @given(st.lists(st.binary(max_size=60), max_size=5))
 def test_garbage_is_refused(parts: list[bytes]) -> None:
     with pytest.raises(BadMessageError):
-        image_of(parts, ASK)
+        simulated_image_of(parts, ASK)
     with pytest.raises(BadMessageError):
         welcome_of(parts)
 
@@ -174,11 +178,11 @@ KEYS = sorted(right())
 )
 def test_no_change_of_the_header_gives_another_picture(key: str, value: object) -> None:
     try:
-        data = pack(right(**{key: value}))
+        data = pack_header(right(**{key: value}))
     except OverflowError:
         return
     try:
-        picture = image_of([data, IMAGE.tobytes(), DEPTH.tobytes(), IDS.tobytes()], ASK)
+        picture = simulated_image_of([data, IMAGE.tobytes(), DEPTH.tobytes(), IDS.tobytes()], ASK)
     except BadMessageError:
         return
     assert np.array_equal(picture.image_bgr, IMAGE)
@@ -186,12 +190,12 @@ def test_no_change_of_the_header_gives_another_picture(key: str, value: object) 
 
 def test_greetings_name_the_world_and_its_objects() -> None:
     (data,) = hello_parts(AskedWorld("gate", "small", ids={"gate": 2}))
-    header = Header.unpack(data)
+    header = MessageHeader.unpack(data)
     assert (header.text("type"), header.table("objects")) == ("hello", {"gate": 2.0})
     assert (header.text("world"), header.text("case")) == ("gate", "small")
     reply = {"protocol": PROTOCOL, "type": "welcome", "simulator": "unity 6", "objects": ["gate"]}
-    assert welcome_of([pack(reply)]) == Welcome("unity 6", ("gate",))
+    assert welcome_of([pack_header(reply)]) == SimulatorWelcome("unity 6", ("gate",))
     with pytest.raises(BadMessageError, match="`type` is 'picture'"):
-        welcome_of([pack({**reply, "type": "picture"})])
-    with pytest.raises(RefusedError, match="no such world"):
-        welcome_of([pack({**reply, "type": "error", "message": "no such world"})])
+        welcome_of([pack_header({**reply, "type": "picture"})])
+    with pytest.raises(SimulatorRefusedError, match="no such world"):
+        welcome_of([pack_header({**reply, "type": "error", "message": "no such world"})])

@@ -19,11 +19,11 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from tests.ports import free_port
 from tests.vehicles.embedded.conftest import Rig
 from wil_campaign.foundation.clocks.virtual_loop import run_virtual
-from wil_campaign.foundation.files.documents import load
+from wil_campaign.foundation.files.documents import load_document
 from wil_campaign.plugins.outlets.image_delivery import DeliveryCounts
 from wil_campaign.plugins.standalone.vehicle_camera import INTRINSICS, RATE_HZ, VehicleCamera
 from wil_campaign.vehicles.cameras.camera_effects import CameraQuality
-from wil_campaign.vehicles.cameras.rendered_cameras import inline
+from wil_campaign.vehicles.cameras.rendered_cameras import compute_inline
 from wil_campaign.vehicles.embedded.process.vehicle_faults import VehicleFaults
 from wil_campaign.vehicles.faults import parse_fault
 from wil_campaign.vehicles.poses.pose_history import PoseHistory
@@ -51,7 +51,7 @@ EMPTY = "schema: wil/world/1\norigin: {latitude_deg: 46.5, longitude_deg: 7.5, a
 def scene_of(text: str, folder: Path) -> Scene:
     file = folder / "world.yaml"
     file.write_text(text)
-    return World.parse(load(file)).scene("real", "W")
+    return World.parse(load_document(file)).scene("real", "W")
 
 
 def view(scene: Scene, body: Pose) -> BgrImage:
@@ -91,7 +91,7 @@ class Outside:
         self.kept = KeptImages()
         quality = replace(CameraQuality(), latency_s=0.02)
         self.camera = VehicleCamera(
-            scene=scene, quality=quality, delivery=self.kept, port=5600, compute=inline
+            scene=scene, quality=quality, delivery=self.kept, port=5600, compute=compute_inline
         )
         self.faults = VehicleFaults(rig.vehicle, kill=lambda: None, report=lambda _: None)
         self.truths = PoseHistory(60.0)

@@ -9,10 +9,10 @@ import pytest
 from jsonschema import Draft202012Validator
 
 from tests.test_house import ROOT
-from wil_campaign.foundation.files.documents import load, parse
+from wil_campaign.foundation.files.documents import load_document, parse_document
 from wil_campaign.orchestrator.cli import main
 from wil_campaign.plugins.start.json_schemas import SCHEMAS
-from wil_campaign.recipes.model.registry import steps
+from wil_campaign.recipes.model.registry import registered_steps
 from wil_campaign.safety.oracles.registry import oracle_kinds
 
 BUILT = Path("schemas")
@@ -29,13 +29,13 @@ def schemas() -> dict[str, Any]:
 
 
 def kind_of(path: Path) -> str:
-    schema = load(path).get(("schema",))
+    schema = load_document(path).get(("schema",))
     assert isinstance(schema, str)
     return schema.split("/")[1]
 
 
 def faults(schema: Any, text: str) -> list[str]:
-    data = parse(text.encode(), name="a.yaml").data
+    data = parse_document(text.encode(), name="a.yaml").data
     return [error.message for error in Draft202012Validator(schema).iter_errors(data)]
 
 
@@ -60,7 +60,7 @@ def test_the_schemas_are_json_schemas(schemas: dict[str, Any]) -> None:
 @pytest.mark.parametrize("path", SHIPPED, ids=lambda path: f"{path.parent.name}/{path.name}")
 def test_a_shipped_file_is_valid_and_names_its_schema(path: Path, schemas: dict[str, Any]) -> None:
     kind = kind_of(path)
-    errors = list(Draft202012Validator(schemas[kind]).iter_errors(load(path).data))
+    errors = list(Draft202012Validator(schemas[kind]).iter_errors(load_document(path).data))
     assert errors == []
     first, _, _ = path.read_text("utf-8").partition("\n")
     place = first.removeprefix("# yaml-language-server: $schema=")
@@ -123,7 +123,7 @@ def test_a_shorthand_is_valid(schemas: dict[str, Any], short: str, is_valid: boo
 def test_every_oracle_and_step_is_completed(schemas: dict[str, Any]) -> None:
     oracles = schemas["campaign"]["$defs"]["CampaignPart"]["properties"]["oracles"]
     assert set(oracles["properties"]) == set(oracle_kinds())
-    for kind in steps():
+    for kind in registered_steps():
         forms = schemas["recipe"]["$defs"][f"{kind.stage}_step"]["anyOf"]
         assert kind.name == "use" or kind.name in forms[1]["properties"]
 
@@ -192,7 +192,7 @@ def test_a_campaign_on_a_bench_omits_the_keys_of_every_bench_file(
 
 
 def test_a_campaign_on_a_bench_may_leave_its_vehicles_out(schemas: dict[str, Any]) -> None:
-    data = load(ROOT / "campaigns" / "benches" / "gate-hall.yaml").data
+    data = load_document(ROOT / "campaigns" / "benches" / "gate-hall.yaml").data
     assert isinstance(data, dict)
     alone = {key: value for key, value in data.items() if key != "vehicles"}
     validator = Draft202012Validator(schemas["campaign"])

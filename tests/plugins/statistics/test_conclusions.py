@@ -6,8 +6,8 @@ import pytest
 
 from tests.orchestrator.reading.flown_campaign import Flight, flights, write_flown
 from wil_campaign.orchestrator.report.campaign_report import write_report
-from wil_campaign.plugins.statistics.conclusions import Conclusion, conclusions
-from wil_campaign.plugins.statistics.gap.gap import Gap
+from wil_campaign.plugins.statistics.conclusions import Conclusion, study_conclusions
+from wil_campaign.plugins.statistics.gap.gap import CampaignGap
 from wil_campaign.plugins.statistics.pass_rates import ModeTest, PassRate, PassRates
 from wil_campaign.plugins.statistics.study import Study
 from wil_campaign.plugins.statistics.study_text import study_text
@@ -33,7 +33,7 @@ def campaign(wil_m: float, wil: str = "PPPPP", spread: tuple[float, ...] = SPREA
 
 def conclusions_of(folder: Path, given: list[Flight], **more: object) -> list[Conclusion]:
     written = write_flown(folder, given, **more)  # type: ignore[arg-type]
-    return conclusions(Study.read(written))
+    return study_conclusions(Study.read(written))
 
 
 def texts(found: list[Conclusion], kind: str) -> str:
@@ -75,13 +75,13 @@ def many_flights(passed: int) -> Study:
         for case in range(10)
         for mode in ("sim", "wil")
     ]
-    return Study(PassRates(tuple(rates), (ModeTest("", "sim", "wil", 0.9),), ()), Gap())
+    return Study(PassRates(tuple(rates), (ModeTest("", "sim", "wil", 0.9),), ()), CampaignGap())
 
 
 @pytest.mark.parametrize(("passed", "needed"), [(9, ""), (6, "25 times the flights")])
 def test_many_flights_are_tested_at_forty_times_their_number(passed: int, needed: str) -> None:
     # In whole numbers this takes minutes.
-    found = texts(conclusions(many_flights(passed)), "needed")
+    found = texts(study_conclusions(many_flights(passed)), "needed")
     assert needed in found
     assert bool(found) == bool(needed)
 

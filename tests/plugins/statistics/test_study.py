@@ -8,12 +8,12 @@ import pytest
 
 from tests.orchestrator.reading.flown_campaign import Flight, flights, write_flown
 from wil_campaign.orchestrator.cli import main
-from wil_campaign.orchestrator.reading.results_folder import read_campaign
+from wil_campaign.orchestrator.reading.results_folder import read_campaign_documents
 from wil_campaign.orchestrator.recording.judge_log_file import JudgeLogWriter
 from wil_campaign.orchestrator.recording.mcap.mcap_settings import RecordingSettings
 from wil_campaign.orchestrator.recording.mcap.mcap_writer import McapRecorder
 from wil_campaign.orchestrator.report.campaign_report import write_report
-from wil_campaign.plugins.statistics.gap.gap import ALL_CASES, Gap, GapFigure
+from wil_campaign.plugins.statistics.gap.gap import ALL_CASES, CampaignGap, GapFigure
 from wil_campaign.plugins.statistics.pass_rates import pass_rates
 from wil_campaign.plugins.statistics.study import Study
 from wil_campaign.plugins.statistics.study_section import study_section
@@ -21,10 +21,10 @@ from wil_campaign.plugins.statistics.study_tables import (
     gap_rows,
     result_rows,
     speed_rows,
-    statements,
+    study_statements,
 )
 from wil_campaign.plugins.statistics.study_text import study_text
-from wil_campaign.safety.evaluation.judge_log import ActorPose, WorldEvent
+from wil_campaign.safety.evaluation.judge_log import ActorPose, LoggedWorldEvent
 from wil_campaign.safety.model.samples import PoseSample, StageSample
 from wil_campaign.worlds.frames import Pose
 
@@ -54,7 +54,7 @@ def study_of(folder: Path) -> Study:
     return Study.read(folder)
 
 
-def figure(gap: Gap, measure: str, case: str) -> GapFigure:
+def figure(gap: CampaignGap, measure: str, case: str) -> GapFigure:
     return next(one for one in gap.figures if (one.measure, one.case) == (measure, case))
 
 
@@ -189,7 +189,7 @@ def test_the_table_has_the_published_counts_beside_its_own(tmp_path: Path) -> No
         *("P 5 F 0 [0.48, 1.00]", "P 1 F 4"),
         *("P 5 F 0 [0.48, 1.00]", "too costly"),
     )
-    assert "published: Table I" in statements(study)
+    assert "published: Table I" in study_statements(study)
 
 
 def test_the_command_prints_tables_and_one_document(tmp_path: Path, capsys: Capture) -> None:
@@ -228,10 +228,10 @@ def test_folders_without_a_gap(tmp_path: Path, capsys: Capture, kind: str) -> No
 
 def test_a_flight_prints_the_comparison_only_of_modes_beside_reality(tmp_path: Path) -> None:
     folder = write_flown(tmp_path / "a", gap_campaign())
-    section = study_section(folder, read_campaign(folder))
+    section = study_section(folder, read_campaign_documents(folder))
     assert section.text == study_text(study_of(folder))
     alone = write_flown(tmp_path / "b", flights("a", "sim", "PP", (0.0, 0.1)))
-    of_one_mode = study_section(alone, read_campaign(alone))
+    of_one_mode = study_section(alone, read_campaign_documents(alone))
     assert of_one_mode.text == ""
     assert "Comparison of the modes" in section.html
     assert "Comparison of the modes" not in of_one_mode.html
@@ -248,7 +248,7 @@ def test_a_gap_that_cannot_be_measured_leaves_the_report(
         raise ValueError("no axis")
 
     monkeypatch.setattr(Study, "read", fail)
-    found = study_section(folder, read_campaign(folder))
+    found = study_section(folder, read_campaign_documents(folder))
     (why,) = found.problems
     assert why == "the gap cannot be measured: ValueError: no axis"
     assert json.loads(found.files["statistics.json"])["left_out"] == [why]
@@ -258,7 +258,7 @@ def test_a_gap_that_cannot_be_measured_leaves_the_report(
 def judged_with(path: Path, poses: list[tuple[float, float]]) -> None:
     """Record a goal from 1 s on, a vehicle, and an actor `drone`. poses: its time and north."""
     with JudgeLogWriter(path=path) as judged:
-        judged.write(WorldEvent(1.0, "goal"))
+        judged.write(LoggedWorldEvent(1.0, "goal"))
         judged.write(StageSample(1.0, "goal"))
         for t_s, north_m in poses:
             judged.write(ActorPose(t_s, "drone", Pose.of(north_m, 0.0, 1.0), (0.0, 0.0, 0.0)))

@@ -15,7 +15,7 @@ from wil_campaign.vehicles.embedded.vehicle import EmbeddedVehicle
 from wil_campaign.vehicles.errors import VehicleError
 from wil_campaign.vehicles.links.link import Link
 from wil_campaign.vehicles.links.memory import memory_pair
-from wil_campaign.vehicles.mavlink.codec import Codec
+from wil_campaign.vehicles.mavlink.codec import MavlinkCodec
 
 Disturb = Callable[[EmbeddedVehicle, Link], None]
 
@@ -26,12 +26,12 @@ def lose(vehicle: EmbeddedVehicle, _: Link) -> None:
 
 def take_over(_: EmbeddedVehicle, link: Link) -> None:
     poshold = mavlink.MAVLink_command_long_message(1, 1, 176, 0, 1, 16, 0, 0, 0, 0, 0)
-    link.write(Codec(system_id=255, component_id=190).pack(poshold))
+    link.write(MavlinkCodec(system_id=255, component_id=190).pack(poshold))
 
 
 def terminate(_: EmbeddedVehicle, link: Link) -> None:
     disarm = mavlink.MAVLink_command_long_message(1, 1, 400, 0, 0, 21196, 0, 0, 0, 0, 0)
-    link.write(Codec(system_id=255, component_id=190).pack(disarm))
+    link.write(MavlinkCodec(system_id=255, component_id=190).pack(disarm))
 
 
 @pytest.mark.parametrize(

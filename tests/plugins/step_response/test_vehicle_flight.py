@@ -25,14 +25,14 @@ from wil_campaign.orchestrator.campaign.resuming.attached_vehicles import Attach
 from wil_campaign.orchestrator.cli import main
 from wil_campaign.plugins.doctor import vehicle_check
 from wil_campaign.plugins.step_response import vehicle_flight
-from wil_campaign.plugins.step_response.comparison import Row
+from wil_campaign.plugins.step_response.comparison import FigureRow
 from wil_campaign.plugins.step_response.event_order import OrderRow
 from wil_campaign.plugins.step_response.step_responses import (
     EstimateError,
-    Flown,
+    FlownStepResponses,
     OperatorAbortError,
 )
-from wil_campaign.vehicles.driver.session.identity import Identity
+from wil_campaign.vehicles.driver.session.identity import VehicleIdentity
 from wil_campaign.vehicles.driver.vehicle_state import EstimateSample
 from wil_campaign.vehicles.errors import VehicleError
 from wil_campaign.worlds.frames import Pose
@@ -41,7 +41,7 @@ FLY = ("doctor", "--vehicle", "udpin://127.0.0.1:14540", "--fly", "--arm-real")
 SITL = AttachedVehicle(
     name="vehicle",
     address="udpin://127.0.0.1:14540",
-    identity=Identity(
+    identity=VehicleIdentity(
         autopilot="px4",
         system_id=1,
         component_id=1,
@@ -57,14 +57,14 @@ SITL = AttachedVehicle(
     battery=None,
     armed=False,
 )
-ALIKE = Flown(
-    (Row("yaw 60", "t90_s", (0.82, 0.84), 0.8, -0.024),),
+ALIKE = FlownStepResponses(
+    (FigureRow("yaw 60", "t90_s", (0.82, 0.84), 0.8, -0.024),),
     (OrderRow("arming", ("acknowledged", "armed"), ("acknowledged", "armed")),),
 )
-DIFFERENT = Flown(
+DIFFERENT = FlownStepResponses(
     (
-        Row("yaw 60", "t90_s", (0.82, 0.84), 1.3, 0.55),
-        Row("speed 0.4", "t90_s", (1.0, 1.1), None, math.inf),
+        FigureRow("yaw 60", "t90_s", (0.82, 0.84), 1.3, 0.55),
+        FigureRow("speed 0.4", "t90_s", (1.0, 1.1), None, math.inf),
     ),
     (OrderRow("arming", ("acknowledged", "armed"), ("armed", "acknowledged")),),
     0.52,
@@ -91,7 +91,7 @@ def test_wrong_arguments_are_refused_before_any_contact(
 def test_the_vehicle_is_only_identified_without_fly(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(vehicle_check, "find_vehicle", lambda _: SITL)
+    monkeypatch.setattr(vehicle_check, "find_vehicle_to_arm", lambda _: SITL)
     assert main(FLY[:3]) == 0
     assert "px4 1.18.0 quadrotor, system 1, a simulation" in capsys.readouterr().out
     assert main([*FLY[:3], "--json"]) == 0
@@ -113,10 +113,10 @@ def flown(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> list[Any]:
     """Give what flights come to; nothing flies."""
     given: list[Any] = []
 
-    def fly(*_: object, **__: object) -> Flown:
+    def fly(*_: object, **__: object) -> FlownStepResponses:
         if isinstance(given[0], Exception):
             raise given[0]
-        assert isinstance(given[0], Flown)
+        assert isinstance(given[0], FlownStepResponses)
         return given[0]
 
     monkeypatch.chdir(tmp_path)

@@ -7,10 +7,10 @@ from tests.wil_campaign.test_installed_plugins import run_without
 
 CODE = """
 from wil_campaign.orchestrator.cli import main
-from wil_campaign.recipes.model.registry import find
+from wil_campaign.recipes.model.registry import find_step
 assert main(["validate", {gate!r}]) == 0
-print(*find("remove_outliers").sensors, *find("overlay").sensors)
-print(find("resample_beams"), find("add"))
+print(*find_step("remove_outliers").sensors, *find_step("overlay").sensors)
+print(find_step("resample_beams"), find_step("add"))
 """
 
 

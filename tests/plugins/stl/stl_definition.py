@@ -9,16 +9,16 @@ from numpy.typing import NDArray
 
 from wil_campaign.plugins.stl.formula import (
     FORMULAS,
-    Comparison,
+    ConstantTerm,
     Formula,
-    Interval,
-    Junctor,
-    Name,
-    Not,
-    Number,
-    Temporal,
-    Until,
-    children,
+    JunctorFormula,
+    NegatedFormula,
+    SignalTerm,
+    StlComparison,
+    StlInterval,
+    TemporalFormula,
+    UntilFormula,
+    formula_children,
 )
 
 GRID_S = 0.5
@@ -30,37 +30,37 @@ def horizon_s(formula: Formula) -> float:
     """Return how far into the future a formula looks, where its intervals say so."""
     own_s = 0.0
     match formula:
-        case Temporal("always" | "eventually", interval) | Until(interval):
+        case TemporalFormula("always" | "eventually", interval) | UntilFormula(interval):
             own_s = interval.until_s or interval.from_s
-    inner = [horizon_s(c) for c in children(formula) if isinstance(c, FORMULAS)]
+    inner = [horizon_s(c) for c in formula_children(formula) if isinstance(c, FORMULAS)]
     return own_s + max(inner, default=0.0)
 
 
 def defined(formula: Formula, trace: Trace, t: int) -> float:  # noqa: PLR0911  # one each
     """Return the robustness at grid point t by the definition; the last value lasts on."""
     match formula:
-        case Comparison(Name(name), comparator, Number(limit)):
+        case StlComparison(SignalTerm(name), comparator, ConstantTerm(limit)):
             values = trace[name]
             margin = values[min(t, len(values) - 1)] - limit
             return margin if comparator in {">", ">="} else -margin
-        case Not(inner):
+        case NegatedFormula(inner):
             return -defined(inner, trace, t)
-        case Junctor("and", left, right):
+        case JunctorFormula("and", left, right):
             return min(defined(left, trace, t), defined(right, trace, t))
-        case Junctor("or", left, right):
+        case JunctorFormula("or", left, right):
             return max(defined(left, trace, t), defined(right, trace, t))
-        case Junctor("implies", left, right):
+        case JunctorFormula("implies", left, right):
             return max(-defined(left, trace, t), defined(right, trace, t))
-        case Junctor("iff", left, right):
+        case JunctorFormula("iff", left, right):
             one, other = defined(left, trace, t), defined(right, trace, t)
             return min(max(-one, other), max(-other, one))
-        case Temporal(word, interval, inner):
+        case TemporalFormula(word, interval, inner):
             lowest = word in {"always", "historically"}
             best: Callable[..., float] = min if lowest else max
             past = word in {"once", "historically"}
             at = points_before(interval, t) if past else points(interval, trace, t)
             return best((defined(inner, trace, k) for k in at), default=math.inf * (2 * lowest - 1))
-        case Until(interval, left, right):
+        case UntilFormula(interval, left, right):
             found = -math.inf
             for end in points(interval, trace, t):
                 held = min(defined(left, trace, k) for k in range(t, end + 1))
@@ -69,14 +69,14 @@ def defined(formula: Formula, trace: Trace, t: int) -> float:  # noqa: PLR0911  
     raise AssertionError(formula)
 
 
-def points(interval: Interval, trace: Trace, t: int) -> range:
+def points(interval: StlInterval, trace: Trace, t: int) -> range:
     first = t + round(interval.from_s / GRID_S)
     if interval.until_s is not None:
         return range(first, t + round(interval.until_s / GRID_S) + 1)
     return range(first, max(first, *(len(values) - 1 for values in trace.values())) + 1)
 
 
-def points_before(interval: Interval, t: int) -> range:
+def points_before(interval: StlInterval, t: int) -> range:
     last = t - round(interval.from_s / GRID_S)
     first = 0 if interval.until_s is None else t - round(interval.until_s / GRID_S)
     return range(max(0, first), last + 1)

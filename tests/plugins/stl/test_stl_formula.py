@@ -4,23 +4,23 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from wil_campaign.plugins.stl.arithmetic import written
+from wil_campaign.plugins.stl.arithmetic import written_atom
 from wil_campaign.plugins.stl.formula import (
-    Calculation,
-    Comparison,
+    BooleanAtom,
+    CalculationTerm,
+    ConstantTerm,
     Formula,
-    Holds,
-    Interval,
-    Junctor,
-    Name,
+    JunctorFormula,
+    NegatedFormula,
     Node,
-    Not,
-    Number,
+    SignalTerm,
+    StlComparison,
     StlError,
-    Temporal,
-    Until,
-    children,
-    names_of,
+    StlInterval,
+    TemporalFormula,
+    UntilFormula,
+    formula_children,
+    signal_names_of,
 )
 from wil_campaign.plugins.stl.parser import DEEPEST, parse_stl
 from wil_campaign.plugins.stl.units import SignalKind, require_sound
@@ -37,28 +37,28 @@ KINDS = {
 
 def shape(node: Node) -> str:  # noqa: PLR0911  # one for each kind of node
     """Return a formula with all of its parentheses."""
-    inner = [shape(child) for child in children(node)]
+    inner = [shape(child) for child in formula_children(node)]
     match node:
-        case Number(value):
+        case ConstantTerm(value):
             return f"{value:g}"
-        case Name(name):
+        case SignalTerm(name):
             return name
-        case Holds():
+        case BooleanAtom():
             return inner[0]
-        case Calculation(operator) | Comparison(_, operator):
+        case CalculationTerm(operator) | StlComparison(_, operator):
             return f"({inner[0]} {operator} {inner[1]})"
-        case Junctor(word):
+        case JunctorFormula(word):
             return f"({inner[0]} {word} {inner[1]})"
-        case Not():
+        case NegatedFormula():
             return f"(not {inner[0]})"
-        case Until(interval):
+        case UntilFormula(interval):
             return f"({inner[0]} until{span(interval)} {inner[1]})"
-        case Temporal(word, interval):
+        case TemporalFormula(word, interval):
             return f"({word}{span(interval)} {inner[0]})"
     return f"abs({inner[0]})"
 
 
-def span(interval: Interval) -> str:
+def span(interval: StlInterval) -> str:
     if interval.until_s is None:
         return ""
     return f"[{interval.from_s:g},{interval.until_s:g}]"
@@ -99,7 +99,7 @@ def test_a_formula_may_be_written_in_several_ways(text: str, meant: str) -> None
 
 def test_names_stand_in_the_order_of_the_text() -> None:
     text = "always[0,30] (a > 1 -> eventually[1,2] (b > 1 until[0,3] c > 1)) and once[0,99] a > 1"
-    assert [name.name for name in names_of(parse_stl(text))] == ["a", "b", "c", "a"]
+    assert [name.name for name in signal_names_of(parse_stl(text))] == ["a", "b", "c", "a"]
 
 
 WRONG = [
@@ -212,13 +212,13 @@ def test_a_formula_of_the_greatest_depth_is_accepted() -> None:
 )
 def test_a_comparison_is_written_as_it_is_read(text: str) -> None:
     parsed = parse_stl(text)
-    assert isinstance(parsed, Comparison)
-    assert worth(parse_stl(written(parsed))) == worth(parsed)
+    assert isinstance(parsed, StlComparison)
+    assert worth(parse_stl(written_atom(parsed))) == worth(parsed)
 
 
 def worth(node: Node) -> float:
     """Return what is compared, with another number for each name."""
-    assert isinstance(node, Comparison)
+    assert isinstance(node, StlComparison)
     numbers = {"up_m": 2.0, "clearance_m": 3.0, "speed_m_s": 5.0, "silence_s": 7.0}
     return float(eval(shape(node.left), {"__builtins__": {"abs": abs}}, numbers))  # noqa: S307
 

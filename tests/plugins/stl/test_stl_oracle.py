@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from tests.safety.oracles.oracle_rigs import FENCE, SCENE, build, pose, stage
-from wil_campaign.plugins.stl.stl_oracle import Stl
+from wil_campaign.plugins.stl.stl_oracle import StlOracle
 from wil_campaign.plugins.stl.stl_signals import signal_docs, signals_of
 from wil_campaign.safety.fence.geofence import Fence
 from wil_campaign.safety.model.oracle_results import Flag, OracleResult
@@ -18,17 +18,17 @@ from wil_campaign.safety.model.samples import (
     ReferenceSample,
     StateSample,
 )
-from wil_campaign.safety.model.verdict import DecisiveEvent, decide
+from wil_campaign.safety.model.verdict import DecisiveEvent, decide_verdict
 from wil_campaign.safety.oracles.oracle import Oracle, OracleContext, OracleError
-from wil_campaign.safety.oracles.oracle_terms import Stages
-from wil_campaign.vehicles.autopilots.autopilot import Mode
+from wil_campaign.safety.oracles.oracle_terms import StageTracker
+from wil_campaign.vehicles.autopilots.autopilot import FlightMode
 from wil_campaign.vehicles.embedded.physics.airframe import Airframe
-from wil_campaign.vehicles.embedded.physics.contact_world import body_of
+from wil_campaign.vehicles.embedded.physics.contact_world import contact_box_of
 from wil_campaign.worlds.clearance.clearance import ClearanceProbe
 from wil_campaign.worlds.frames import Pose
 from wil_campaign.worlds.scene.scene import Scene
 
-BODY = body_of(Airframe())
+BODY = contact_box_of(Airframe())
 CONTEXT = OracleContext(
     mode="wil",
     subject="real",
@@ -162,9 +162,9 @@ def test_contact_is_no_clearance() -> None:
 
 def test_floors_count_in_the_air_only() -> None:
     from wil_campaign.worlds.scene.scene import SceneObject
-    from wil_campaign.worlds.scene.shapes import room
+    from wil_campaign.worlds.scene.shapes import room_shape
 
-    hall = Scene((SceneObject(1, "hall", room(6.0, 6.0, 3.0), Pose((0, 0, 0))),))
+    hall = Scene((SceneObject(1, "hall", room_shape(6.0, 6.0, 3.0), Pose((0, 0, 0))),))
     context = OracleContext(
         mode="sim",
         subject="real",
@@ -183,7 +183,7 @@ def test_floors_count_in_the_air_only() -> None:
 
 def values(name: str, *samples: object) -> list[float]:
     """Return the value of a signal after each sample."""
-    unit = signals_of(CONTEXT, Stages())[name].kind.unit
+    unit = signals_of(CONTEXT, StageTracker())[name].kind.unit
     text = f"always ({name} >= -1e9)" if unit else f"eventually ({name})"
     window: dict[str, Any] = {"from": "takeoff", "to": "end"}
     judge = stl(text, **window)
@@ -197,7 +197,7 @@ def values(name: str, *samples: object) -> list[float]:
                 judge.on_state(sample)
             case LinkSample():
                 judge.on_received(sample)
-        assert isinstance(judge, Stl)
+        assert isinstance(judge, StlOracle)
         found += judge._trace.values()[name].tolist()[-1:]
     return [value for value in found if not math.isnan(value)]
 
@@ -217,9 +217,9 @@ def test_signals_have_the_values_of_the_pose() -> None:
 
 
 def test_signals_have_the_values_that_the_vehicle_reports() -> None:
-    unknown = StateSample(1.0, "real", True, Mode.GUIDED)
-    known = StateSample(2.0, "real", False, Mode.HOLD, "", True, "x", 0.25, 11.5, "no height")
-    other = StateSample(3.0, "twin", True, Mode.GUIDED, "", False, None, 1.0, 12.0)
+    unknown = StateSample(1.0, "real", True, FlightMode.GUIDED)
+    known = StateSample(2.0, "real", False, FlightMode.HOLD, "", True, "x", 0.25, 11.5, "no height")
+    other = StateSample(3.0, "twin", True, FlightMode.GUIDED, "", False, None, 1.0, 12.0)
     assert values("battery_percent", unknown, known, other) == [25.0, 25.0]
     assert values("battery_v", unknown, known) == [11.5]
     assert values("armed", unknown, known, other) == [1.0, 0.0, 0.0]
@@ -246,7 +246,7 @@ def test_silence_grows_until_it_is_received() -> None:
 
 def test_every_signal_is_documented_and_every_documented_one_is_there() -> None:
     docs = set(signal_docs())
-    found = set(signals_of(CONTEXT, Stages()))
+    found = set(signals_of(CONTEXT, StageTracker()))
     assert {name for name in found if not name.startswith("distance_")} == docs - {
         "distance_<thing>_m"
     }
@@ -275,7 +275,7 @@ def test_a_signal_that_was_never_received_cannot_be_judged() -> None:
     result = judge.result(9.0)
     assert (result.verdict, result.at_s) == ("INVALID", 1.0)
     assert result.detail == "battery_v has no value at 1.000 s"
-    decision = decide((), (result,), end_s=9.0)
+    decision = decide_verdict((), (result,), end_s=9.0)
     assert decision.verdict == "INVALID"
     assert decision.reason == f"stl of real cannot be judged: {result.detail}"
 
@@ -284,9 +284,9 @@ def test_a_charge_that_is_unknown_after_it_was_known_cannot_be_judged() -> None:
     """The formula went on with the last value that was known, and was satisfied."""
     judge = stl("always[0, 5] (battery_percent > 20)")
     stage(judge, goal=0.0)
-    judge.on_state(StateSample(0.0, "real", True, Mode.GUIDED, battery_fraction=0.9))
+    judge.on_state(StateSample(0.0, "real", True, FlightMode.GUIDED, battery_fraction=0.9))
     assert judge.result(6.0).verdict == "PASS"
-    judge.on_state(StateSample(3.0, "real", True, Mode.GUIDED))
+    judge.on_state(StateSample(3.0, "real", True, FlightMode.GUIDED))
     result = judge.result(6.0)
     assert (result.verdict, result.at_s) == ("INVALID", 3.0)
     assert result.detail == "battery_percent has no value at 3.000 s"
@@ -297,11 +297,11 @@ def test_a_signal_that_begins_late_hides_no_earlier_violation() -> None:
     judge = stl("always (up_m <= 2 and battery_v > 10)")
     stage(judge, goal=0.0)
     heights(judge, *[9.0] * 10, start_s=0.0)
-    judge.on_state(StateSample(10.0, "real", True, Mode.GUIDED, battery_v=12.0))
+    judge.on_state(StateSample(10.0, "real", True, FlightMode.GUIDED, battery_v=12.0))
     heights(judge, 1.0, start_s=10.5)
     assert judge.result(12.0).verdict == "INVALID"
     in_time = stl("always (up_m <= 2 and battery_v > 10)")
-    in_time.on_state(StateSample(-1.0, "real", True, Mode.GUIDED, battery_v=12.0))
+    in_time.on_state(StateSample(-1.0, "real", True, FlightMode.GUIDED, battery_v=12.0))
     stage(in_time, goal=0.0)
     heights(in_time, *[9.0] * 10, 1.0, start_s=0.0)
     assert in_time.result(12.0).verdict == "FAIL"
@@ -377,7 +377,7 @@ def test_a_reason_names_the_part_that_was_violated_in_its_unit() -> None:
     assert result.detail == "speed_m_s <= 1.2 is violated: 2.000 m/s against 1.2 m/s"
     assert (result.actual, result.limit, result.unit, result.at_s) == (2.0, 1.2, "m/s", 4.0)
     assert result.margin == pytest.approx(-0.8)
-    reason = decide((), (result,), end_s=9.0).reason
+    reason = decide_verdict((), (result,), end_s=9.0).reason
     assert reason == f"stl of real failed: {result.detail}"
 
 
@@ -407,9 +407,9 @@ def test_the_margin_is_never_one_of_another_unit() -> None:
 
 def test_a_signal_that_is_true_or_false_has_no_margin() -> None:
     judge = stl("always (armed and up_m <= 2)")
-    judge.on_state(StateSample(2.0, "real", True, Mode.GUIDED))
+    judge.on_state(StateSample(2.0, "real", True, FlightMode.GUIDED))
     assert fly(judge, (0.25, 0.0)).margin == 1.75
-    judge.on_state(StateSample(5.0, "real", False, Mode.GUIDED))
+    judge.on_state(StateSample(5.0, "real", False, FlightMode.GUIDED))
     result = judge.result(9.0)
     assert (result.verdict, result.margin, result.at_s) == ("FAIL", None, 5.0)
     assert result.detail == "armed is violated"
@@ -506,7 +506,7 @@ def test_a_violation_among_samples_that_arrive_late_is_seen() -> None:
     judge = stl("always (up_m >= 1)")
     stage(judge, goal=3.0)
     heights(judge, 2.0)
-    judge.on_state(StateSample(3.1, "real", True, Mode.GUIDED))
+    judge.on_state(StateSample(3.1, "real", True, FlightMode.GUIDED))
     for t_s, up_m in ((3.04, 2.0), (3.06, 0.5), (3.08, 2.0)):
         judge.on_pose(pose(t_s, (0, 0, -up_m)))
     result = judge.result(9.0)
@@ -532,4 +532,4 @@ def test_a_signal_that_ends_comes_before_a_failure_known_only_at_the_end() -> No
     """Else positions that stop would be blamed on what they did not show."""
     result = fly(stl("eventually (up_m >= 5)"), (2.0, 0.0), (3.0, 0.0))
     silent = DecisiveEvent(8.0, "INVALID", "no sample since 4 s", "evidence/pose/real")
-    assert decide((silent,), (result,), end_s=9.0).verdict == "INVALID"
+    assert decide_verdict((silent,), (result,), end_s=9.0).verdict == "INVALID"

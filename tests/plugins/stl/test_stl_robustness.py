@@ -8,10 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.plugins.stl.stl_definition import GRID_S, defined, formulas, signals, times
-from wil_campaign.plugins.stl.arithmetic import written
-from wil_campaign.plugins.stl.monitor import Robustness, StlMonitor
+from wil_campaign.plugins.stl.arithmetic import written_atom
+from wil_campaign.plugins.stl.monitor import FormulaRobustness, StlMonitor
 from wil_campaign.plugins.stl.parser import parse_stl
-from wil_campaign.plugins.stl.robustness import Unevaluable
+from wil_campaign.plugins.stl.robustness import UnevaluableFormula
 
 FUTURE = ("always", "eventually")
 ALL = (*FUTURE, "once", "historically")
@@ -19,22 +19,24 @@ level = st.integers(-3, 3).map(float)
 rows = st.lists(st.tuples(level, level), min_size=1, max_size=10)
 
 
-def evaluated(text: str, trace: dict[str, list[float]], end_s: float | None = None) -> Robustness:
+def evaluated(
+    text: str, trace: dict[str, list[float]], end_s: float | None = None
+) -> FormulaRobustness:
     at_s = times(len(trace["a"]))
     last_s = at_s[-1] if end_s is None else end_s
     found = StlMonitor(parse_stl(text)).robustness(at_s, signals(trace), last_s)
-    assert isinstance(found, Robustness), found
+    assert isinstance(found, FormulaRobustness), found
     return found
 
 
-def robust(text: str, values: list[float], end_s: float | None = None) -> Robustness:
+def robust(text: str, values: list[float], end_s: float | None = None) -> FormulaRobustness:
     return evaluated(text, {"a": values}, end_s)
 
 
 def best(text: str, trace: dict[str, list[float]], end_s: float) -> float:
     at_s = times(len(trace["a"]))
     found = StlMonitor(parse_stl(text)).at_best(at_s, signals(trace), end_s)
-    assert isinstance(found, Robustness), found
+    assert isinstance(found, FormulaRobustness), found
     return found.value
 
 
@@ -52,10 +54,10 @@ def test_robustness_is_what_the_definition_says(
     found = StlMonitor(formula).robustness(at_s, signals(trace), at_s[-1])
     value = defined(formula, trace, 0)
     if math.isinf(value):
-        assert isinstance(found, Unevaluable)
+        assert isinstance(found, UnevaluableFormula)
         assert "looks back" in str(found)
     else:
-        assert isinstance(found, Robustness)
+        assert isinstance(found, FormulaRobustness)
         assert found.value == value
 
 
@@ -66,8 +68,8 @@ def test_a_formula_holds_or_its_negation_does(text: str, table: list[tuple[float
     trace, at_s = signals(columns(table)), times(len(table))
     found = StlMonitor(parse_stl(text)).robustness(at_s, trace, at_s[-1])
     negated = StlMonitor(parse_stl(f"not ({text})")).robustness(at_s, trace, at_s[-1])
-    if isinstance(found, Robustness):
-        assert isinstance(negated, Robustness)
+    if isinstance(found, FormulaRobustness):
+        assert isinstance(negated, FormulaRobustness)
         assert (negated.value, negated.holds) == (-found.value, not found.holds)
         assert found.value == 0.0 or found.holds is (found.value > 0.0)
 
@@ -81,7 +83,7 @@ def test_the_best_that_may_come_is_never_below_the_final_value(
     at_s = times(len(table))
     monitor = StlMonitor(parse_stl(text))
     end = monitor.robustness(at_s, signals(columns(table)), at_s[-1] + more_s)
-    if isinstance(end, Unevaluable):
+    if isinstance(end, UnevaluableFormula):
         return
     for count in range(1, len(table)):
         part = columns(table[:count])
@@ -106,7 +108,7 @@ def test_the_comparison_that_decides_is_named_with_its_sample() -> None:
     found = robust("always (a >= 1 and a <= 5)", [3.0, 2.0, 4.5, 3.0])
     assert found.value == 0.5
     assert found.decided_by is not None
-    assert (written(found.decided_by.atom), found.index) == ("a <= 5", 2)
+    assert (written_atom(found.decided_by.atom), found.index) == ("a <= 5", 2)
 
 
 def test_the_conclusion_of_a_violated_implication_decides() -> None:
@@ -115,7 +117,7 @@ def test_the_conclusion_of_a_violated_implication_decides() -> None:
     assert not found.holds
     assert found.value == pytest.approx(-0.1)
     assert found.decided_by is not None
-    assert (written(found.decided_by.atom), found.index) == ("b <= 2", 1)
+    assert (written_atom(found.decided_by.atom), found.index) == ("b <= 2", 1)
 
 
 def test_units_that_meet_count_as_shares_of_their_limits() -> None:
@@ -123,13 +125,13 @@ def test_units_that_meet_count_as_shares_of_their_limits() -> None:
     text = "always (a >= 0.2 and b <= 8)"
     plain = StlMonitor(parse_stl(text)).robustness([0.0, 1.0], trace, 1.0)
     mixed = StlMonitor(parse_stl(text), mixed=True).robustness([0.0, 1.0], trace, 1.0)
-    assert isinstance(plain, Robustness)
-    assert isinstance(mixed, Robustness)
+    assert isinstance(plain, FormulaRobustness)
+    assert isinstance(mixed, FormulaRobustness)
     assert plain.decided_by is not None
     assert mixed.decided_by is not None
     # 0.1 of a against 3 of b; half of a's limit against three eighths of b's.
-    assert written(plain.decided_by.atom) == "a >= 0.2"
-    assert (written(mixed.decided_by.atom), mixed.value) == ("b <= 8", 0.375)
+    assert written_atom(plain.decided_by.atom) == "a >= 0.2"
+    assert (written_atom(mixed.decided_by.atom), mixed.value) == ("b <= 8", 0.375)
 
 
 def test_a_comparison_of_true_and_false_has_no_distance() -> None:
@@ -175,7 +177,7 @@ def test_bounds_meet_samples_to_the_nanosecond() -> None:
         ("eventually[0.3,0.3] historically[0.1,0.3] (a >= 0)", 1.0),
     ]:
         found = StlMonitor(parse_stl(text)).robustness(at_s, values, 0.4)
-        assert isinstance(found, Robustness)
+        assert isinstance(found, FormulaRobustness)
         assert found.value == value, text
 
 
@@ -208,7 +210,7 @@ def test_a_value_that_is_not_finite_cannot_be_judged(text: str, whole: str) -> N
     monitor = StlMonitor(parse_stl(whole.format(text)))
     for find in (monitor.robustness, monitor.at_best):
         found = find([3.0, 4.0], {"a": np.array([1.0, 1.0])}, 5.0)
-        assert isinstance(found, Unevaluable)
+        assert isinstance(found, UnevaluableFormula)
         assert found.at_s == 3.0
         assert found.problem == "is not finite"
 
@@ -216,10 +218,10 @@ def test_a_value_that_is_not_finite_cannot_be_judged(text: str, whole: str) -> N
 def test_a_missing_value_counts_where_the_formula_needs_it_only() -> None:
     at_s, values = [10.0, 11.0, 12.0], {"a": np.array([math.nan, 1.0, 2.0])}
     found = StlMonitor(parse_stl("always (a >= 0)")).robustness(at_s, values, 12.0)
-    assert found == Unevaluable("a", 10.0, "has no value")
+    assert found == UnevaluableFormula("a", 10.0, "has no value")
     assert str(found) == "a has no value at 10.000 s"
     later = StlMonitor(parse_stl("always[1,5] (a >= 0)")).robustness(at_s, values, 12.0)
-    assert isinstance(later, Robustness)
+    assert isinstance(later, FormulaRobustness)
     assert later.value == 1.0
 
 
@@ -230,5 +232,5 @@ def test_a_long_recording_takes_one_pass() -> None:
     at_s = [i * 0.01 for i in range(count)]
     for text in ("always eventually[0,20] (a > 0)", "always eventually[0,20] (b > -1e9)"):
         found = StlMonitor(parse_stl(text)).robustness(at_s, rising, at_s[-1])
-        assert isinstance(found, Robustness)
+        assert isinstance(found, FormulaRobustness)
         assert found.holds

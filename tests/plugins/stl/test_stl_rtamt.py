@@ -10,18 +10,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.plugins.stl.stl_definition import formulas, horizon_s
-from wil_campaign.plugins.stl.arithmetic import written
+from wil_campaign.plugins.stl.arithmetic import written_atom
 from wil_campaign.plugins.stl.formula import (
-    Comparison,
+    BooleanAtom,
     Formula,
-    Holds,
-    Interval,
-    Junctor,
-    Not,
-    Temporal,
-    Until,
+    JunctorFormula,
+    NegatedFormula,
+    StlComparison,
+    StlInterval,
+    TemporalFormula,
+    UntilFormula,
 )
-from wil_campaign.plugins.stl.monitor import Robustness, StlMonitor
+from wil_campaign.plugins.stl.monitor import FormulaRobustness, StlMonitor
 from wil_campaign.plugins.stl.parser import parse_stl
 
 # antlr4 4.7, which rtamt needs, imports typing.io: it warns in Python 3.12 and is gone in 3.13.
@@ -42,23 +42,23 @@ Series = list[tuple[float, int, int]]
 def rtamt_text(formula: Formula) -> str:
     """Return a formula as rtamt reads it, with all parentheses."""
     match formula:
-        case Comparison() | Holds():
-            return f"({written(formula)})"
-        case Not(inner):
+        case StlComparison() | BooleanAtom():
+            return f"({written_atom(formula)})"
+        case NegatedFormula(inner):
             return f"(not {rtamt_text(inner)})"
-        case Junctor("iff", left, right):
+        case JunctorFormula("iff", left, right):
             # rtamt's own iff is another one, minus the distance of the two robustnesses.
             one, other = rtamt_text(left), rtamt_text(right)
             return f"(({one} implies {other}) and ({other} implies {one}))"
-        case Junctor(word, left, right):
+        case JunctorFormula(word, left, right):
             return f"({rtamt_text(left)} {word} {rtamt_text(right)})"
-        case Temporal(word, interval, inner):
+        case TemporalFormula(word, interval, inner):
             return f"({word}{span(interval)} {rtamt_text(inner)})"
-        case Until(interval, left, right):
+        case UntilFormula(interval, left, right):
             return f"({rtamt_text(left)} until{span(interval)} {rtamt_text(right)})"
 
 
-def span(interval: Interval) -> str:
+def span(interval: StlInterval) -> str:
     if interval.until_s is None:
         return ""
     return f"[{interval.from_s:.9f},{interval.until_s:.9f}]"
@@ -86,7 +86,7 @@ def compared(text: str, rows: Series) -> None:
     trace = {"a": [float(row[1]) for row in rows], "b": [float(row[2]) for row in rows]}
     values = {name: np.array(each) for name, each in trace.items()}
     found = StlMonitor(formula).robustness(at_s, values, at_s[-1])
-    assert isinstance(found, Robustness)
+    assert isinstance(found, FormulaRobustness)
     assert found.value == pytest.approx(reference(formula, at_s, trace))
 
 

@@ -16,7 +16,7 @@ import pytest
 
 from wil_campaign.plugins.stream_links.reconnection import BackOff
 from wil_campaign.plugins.stream_links.serial import SerialLink
-from wil_campaign.plugins.stream_links.serial_port import open_port, remedy
+from wil_campaign.plugins.stream_links.serial_port import open_serial_port, serial_port_remedy
 from wil_campaign.vehicles.driver import Driver
 from wil_campaign.vehicles.errors import IdentifyError
 from wil_campaign.vehicles.links.link import LinkError
@@ -91,7 +91,7 @@ async def test_bytes_go_both_ways_unchanged(cable: Cable, inbox: Any, wait_until
 
 @pytest.mark.parametrize("baud", [57600, 921600, 123456])
 def test_the_speed_is_set(cable: Cable, baud: int) -> None:
-    port = open_port(str(cable.device), baud)
+    port = open_serial_port(str(cable.device), baud)
     try:
         raw = fcntl.ioctl(port, 0x802C542A, bytes(44))
         assert struct.unpack("4IB19s2I", raw)[-1] == baud
@@ -155,7 +155,7 @@ async def test_no_permission(cable: Cable, monkeypatch: pytest.MonkeyPatch) -> N
     [(errno.EINVAL, "does not support 9 baud"), (errno.EIO, "Input/output error")],
 )
 def test_other_errors_in_words(number: int, words: str) -> None:
-    assert words in remedy(OSError(number, os.strerror(number)), "/dev/ttyX", 9)
+    assert words in serial_port_remedy(OSError(number, os.strerror(number)), "/dev/ttyX", 9)
 
 
 async def test_a_clogged_port_drops_late_frames(cable: Cable) -> None:

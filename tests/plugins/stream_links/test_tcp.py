@@ -15,7 +15,7 @@ from wil_campaign.plugins.stream_links.tcp import TcpInLink, TcpOutLink
 from wil_campaign.vehicles.links.link import LinkError, TellsTrouble
 from wil_campaign.vehicles.links.link_factory import open_link
 from wil_campaign.vehicles.links.link_strings import LinkAddress, parse_link
-from wil_campaign.vehicles.mavlink.codec import Codec
+from wil_campaign.vehicles.mavlink.codec import MavlinkCodec
 
 QUICK = BackOff(first_s=0.01, longest_s=0.05)
 
@@ -154,7 +154,7 @@ async def test_a_second_client_is_turned_away_until_the_first_is_silent(
 
 
 def _frames(system: int, count: int) -> bytes:
-    codec = Codec(system_id=system, component_id=190)
+    codec = MavlinkCodec(system_id=system, component_id=190)
     return b"".join(
         codec.pack(mavlink.MAVLink_timesync_message(0, number)) for number in range(count)
     )
@@ -174,7 +174,7 @@ async def test_frames_of_several_clients_do_not_mix(
                 two.write(streams[1][start : start + 7])
                 await asyncio.sleep(0)
             await wait_until(lambda: len(heard.data) == sum(map(len, streams)))
-            codec = Codec(system_id=1, component_id=1)
+            codec = MavlinkCodec(system_id=1, component_id=1)
             messages = codec.parse(heard.data)
             for system in (250, 251):
                 own = [each.ts1 for each in messages if each.get_srcSystem() == system]

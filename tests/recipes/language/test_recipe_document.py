@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from wil_campaign.foundation.files.documents import BadInput, load, parse
+from wil_campaign.foundation.files.documents import BadInput, load_document, parse_document
 from wil_campaign.recipes.language.recipe_document import MAX_SKEW_MS, load_recipe
 from wil_campaign.recipes.model.recipe import Recipe
 
@@ -14,7 +14,7 @@ HEAD = "schema: wil/recipe/1\nsensors: {camera: {type: camera, rate_hz: 15}}\n"
 
 
 def read(body: str, head: str = HEAD) -> Recipe:
-    return load_recipe(parse((head + body).encode(), name="r.yaml"))
+    return load_recipe(parse_document((head + body).encode(), name="r.yaml"))
 
 
 def faults(body: str, head: str = HEAD) -> list[str]:
@@ -30,7 +30,7 @@ def combine(**parts: str) -> str:
 
 
 def test_the_recipe_of_the_gate() -> None:
-    recipe = load_recipe(load(ROOT / "recipes" / "gate.yaml"))
+    recipe = load_recipe(load_document(ROOT / "recipes" / "gate.yaml"))
     (one,) = recipe.combinations
     assert [step.kind.name for step in one.steps] == ["resize", "register", "isolate_color"]
     assert one.merge.kind.name == "overlay"

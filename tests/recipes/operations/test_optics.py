@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.recipes.samples import CAMERA, HEIGHT, WIDTH, apply, build, camera, depth, plain
-from wil_campaign.recipes.operations.optics import remap_between, remapped
+from wil_campaign.recipes.operations.optics import remap_between, remapped_image
 from wil_campaign.recipes.working import CannotMixError, Masked
 from wil_campaign.worlds.camera import Intrinsics
 from wil_campaign.worlds.frames import IDENTITY, Pose, quat_conjugate, quat_from_euler, rotate
@@ -56,7 +56,7 @@ def test_a_point_is_seen_where_the_new_camera_sees_it(
     old, new = cameras
     turn = quat_from_euler(0.0, 0.05, yaw) if yaw else IDENTITY
     point = (1.0, right, down)
-    work = remapped(Masked(spot(old, seen_at(point, old))), new, turn)
+    work = remapped_image(Masked(spot(old, seen_at(point, old))), new, turn)
     expected = seen_at(rotate(quat_conjugate(turn), point), new)
     inside = all(
         15 < at < size - 15
@@ -69,7 +69,7 @@ def test_a_point_is_seen_where_the_new_camera_sees_it(
 
 def test_pixels_that_the_old_camera_did_not_see_are_not_kept() -> None:
     narrow = Intrinsics.from_fov(100, 80, 0.6)
-    made = remapped(Masked(camera(plain(width=100, height=80), intrinsics=narrow)), WIDE)
+    made = remapped_image(Masked(camera(plain(width=100, height=80), intrinsics=narrow)), WIDE)
     assert made.mask is not None
     share = (made.mask == 255).mean()
     expected = (np.tan(0.3) / np.tan(0.65)) ** 2 * (80 / 100) / (180 / 240)
@@ -90,7 +90,7 @@ def test_a_strong_lens_does_not_fold_the_far_outside_into_the_picture() -> None:
 
 def test_depth_follows_the_new_axis() -> None:
     wall = Pose((0.0, 0.0, 0.0), quat_from_euler(0.0, 0.0, 0.2))
-    made = remapped(Masked(depth(4.0, intrinsics=CAMERA)), CAMERA, wall.q_wxyz)
+    made = remapped_image(Masked(depth(4.0, intrinsics=CAMERA)), CAMERA, wall.q_wxyz)
     values = made.reading.depth_m[(made.mask == 255)]
     # The wall stays where it is: every point back in the old frame is 4 m ahead.
     assert made.mask is not None
@@ -109,7 +109,7 @@ def test_pixels_that_no_ray_reaches_through_the_new_lens_are_not_kept() -> None:
     old = Intrinsics(64, 48, 25.0, 25.0, 31.5, 23.5)
     # r (1 - 0.4 r^2) turns back at r = 0.913, which is 0.609 distorted.
     new = Intrinsics(64, 48, 30.0, 30.0, 31.5, 23.5, distortion=(-0.4, 0.0, 0.0, 0.0))
-    made = remapped(Masked(camera(intrinsics=old)), new)
+    made = remapped_image(Masked(camera(intrinsics=old)), new)
     v, u = np.mgrid[0:48, 0:64]
     far = np.hypot(u - 31.5, v - 23.5) / 30.0
     assert made.mask is not None
@@ -121,8 +121,8 @@ def test_the_same_model_changes_nothing_and_ids_are_not_mixed() -> None:
     ids = np.zeros((HEIGHT, WIDTH), np.uint8)
     ids[:, 20:40] = 200
     given_work = Masked(camera(object_ids=ids))
-    assert remapped(given_work, CAMERA) is given_work
-    made = remapped(given_work, replace(CAMERA, cx_px=CAMERA.cx_px + 2.4))
+    assert remapped_image(given_work, CAMERA) is given_work
+    made = remapped_image(given_work, replace(CAMERA, cx_px=CAMERA.cx_px + 2.4))
     assert made.reading.object_ids is not None
     assert set(np.unique(made.reading.object_ids)) == {0, 200}
 

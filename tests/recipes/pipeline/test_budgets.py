@@ -6,17 +6,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from wil_campaign.recipes.model.recipe import Budget
-from wil_campaign.recipes.pipeline.budgets import RateWatch, breach_of
+from wil_campaign.recipes.model.recipe import MixingBudget
+from wil_campaign.recipes.pipeline.budgets import RateWatch, budget_breach
 from wil_campaign.recipes.pipeline.mixture import Provenance
 
-BUDGET = Budget(0.06, 0.2, 10.0, 2.0)
+BUDGET = MixingBudget(0.06, 0.2, 10.0, 2.0)
 GOOD = Provenance(1, 1.0, 2, 1.06, 60.0, 200.0, registration_error_px=2.0)
 
 
 def test_readings_at_the_limits_are_no_breach() -> None:
-    assert breach_of(BUDGET, GOOD) is None
-    assert breach_of(Budget(0.06), GOOD) is None
+    assert budget_breach(BUDGET, GOOD) is None
+    assert budget_breach(MixingBudget(0.06), GOOD) is None
 
 
 @pytest.mark.parametrize(
@@ -33,21 +33,21 @@ def test_readings_at_the_limits_are_no_breach() -> None:
     ],
 )
 def test_each_limit_is_reported(reading: Provenance, said: str) -> None:
-    assert str(breach_of(BUDGET, reading)) == said
+    assert str(budget_breach(BUDGET, reading)) == said
 
 
 def test_one_reading_is_judged_by_its_provenance() -> None:
     told = Provenance(1, 1.0, 2, 1.01, 10.0, 150.0)
-    assert breach_of(BUDGET, told) is None
-    assert breach_of(BUDGET, replace(told, registration_error_px=1.5)) is None
-    assert breach_of(BUDGET, replace(told, registration_bound_px=1.5)) is None
+    assert budget_breach(BUDGET, told) is None
+    assert budget_breach(BUDGET, replace(told, registration_error_px=1.5)) is None
+    assert budget_breach(BUDGET, replace(told, registration_bound_px=1.5)) is None
     vague = replace(told, registration_bound_px=9.0)
-    assert str(breach_of(BUDGET, vague)).startswith("max_registration_error_px: 9")
-    assert breach_of(BUDGET, replace(vague, registration_error_px=1.5)) is None
+    assert str(budget_breach(BUDGET, vague)).startswith("max_registration_error_px: 9")
+    assert budget_breach(BUDGET, replace(vague, registration_error_px=1.5)) is None
     far = replace(told, registration_error_px=3.0)
-    assert str(breach_of(BUDGET, far)).startswith("max_registration_error_px: 3")
-    assert str(breach_of(BUDGET, replace(told, latency_ms=201.0))).startswith("max_latency_ms")
-    assert breach_of(Budget(0.06), replace(told, latency_ms=9e9)) is None
+    assert str(budget_breach(BUDGET, far)).startswith("max_registration_error_px: 3")
+    assert str(budget_breach(BUDGET, replace(told, latency_ms=201.0))).startswith("max_latency_ms")
+    assert budget_breach(MixingBudget(0.06), replace(told, latency_ms=9e9)) is None
 
 
 def watched(rate_hz: float, seconds: float, *, stop_s: float = 1e9) -> list[bool]:
@@ -83,6 +83,6 @@ def test_a_source_that_stalls_is_noticed() -> None:
 
 def test_nothing_is_watched_before_the_start_or_without_a_limit() -> None:
     assert RateWatch(BUDGET).breach(100.0) is None
-    watch = RateWatch(Budget(0.06))
+    watch = RateWatch(MixingBudget(0.06))
     watch.start(0.0)
     assert watch.breach(100.0) is None

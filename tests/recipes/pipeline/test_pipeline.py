@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from wil_campaign.foundation.files.documents import parse
+from wil_campaign.foundation.files.documents import parse_document
 from wil_campaign.recipes.language.recipe_document import load_recipe
-from wil_campaign.recipes.pipeline.mixture import MixCounts, Mixed
+from wil_campaign.recipes.pipeline.mixture import MixCounts, MixedReading
 from wil_campaign.recipes.pipeline.pipeline import Mixer, compile_recipe
 from wil_campaign.recipes.working import PoseRequest, StepError
 from wil_campaign.vehicles.readings import BgrImage, CameraReading, Source
@@ -31,7 +31,7 @@ def mixer(body: str = GATE, **more: Any) -> Mixer:
         "schema: wil/recipe/1\nsensors: {camera: {type: camera}}\n"
         f"combine: [{{sensor: camera, {body}}}]\n"
     )
-    recipe = load_recipe(parse(text.encode(), name="r.yaml"))
+    recipe = load_recipe(parse_document(text.encode(), name="r.yaml"))
     (one,) = compile_recipe(recipe, object_ids={"gate": 7}, **more)
     return one
 
@@ -121,7 +121,7 @@ def test_without_a_twin_the_real_picture_passes_and_is_counted() -> None:
 
 def test_nothing_is_shown_without_a_real_picture() -> None:
     one = mixer()
-    mixed: Mixed[CameraReading] = one.mix(None, twin(), now_s=1.1)
+    mixed: MixedReading[CameraReading] = one.mix(None, twin(), now_s=1.1)
     assert mixed.reading is None
     assert (mixed.provenance.dropped, mixed.provenance.latency_ms) == ("no_real", None)
     assert one.mix(None, None, now_s=1.2).reading is None

@@ -22,7 +22,7 @@ from tests.recipes.samples import (
     scan,
     sound,
 )
-from wil_campaign.foundation.files.documents import BadInput, parse
+from wil_campaign.foundation.files.documents import BadInput, parse_document
 from wil_campaign.recipes.language.recipe_document import load_recipe
 from wil_campaign.recipes.pipeline.pipeline import Mixer, compile_recipe
 from wil_campaign.vehicles.readings import Reading
@@ -48,7 +48,7 @@ def mixer(sensor: str, body: str, *, declared: str = "", **more: Any) -> Mixer:
         f"schema: wil/recipe/1\nsensors: {{s: {{type: {sensor}{declared}}}}}\n"
         f"combine: [{{sensor: s, {body}}}]\n"
     )
-    recipe = load_recipe(parse(text.encode(), name="r.yaml"))
+    recipe = load_recipe(parse_document(text.encode(), name="r.yaml"))
     (one,) = compile_recipe(recipe, **{"object_ids": {}, **more})
     return one
 
@@ -279,14 +279,14 @@ def test_raw_readings_may_go_out_beside_the_mixed_ones() -> None:
 def test_there_is_room_for_several_twins_and_one_flies() -> None:
     head = "schema: wil/recipe/1\ntwins: {}\nsensors: {{s: {{type: imu}}}}\n"
     body = "combine: [{sensor: s, merge: overlay}]\n"
-    assert load_recipe(parse((head.format("[twin]") + body).encode(), name="r.yaml"))
+    assert load_recipe(parse_document((head.format("[twin]") + body).encode(), name="r.yaml"))
     for given_twins, said in (
         ("[twin, other]", "several twins are not supported yet"),
         ("[other]", "the twin must be named 'twin'"),
         ("[]", "at least 1"),
     ):
         with pytest.raises(BadInput) as caught:
-            load_recipe(parse((head.format(given_twins) + body).encode(), name="r.yaml"))
+            load_recipe(parse_document((head.format(given_twins) + body).encode(), name="r.yaml"))
         (problem,) = caught.value.problems
         assert said in problem.headline
         assert problem.line == 2
@@ -337,7 +337,7 @@ def test_each_vehicle_may_get_a_mixture_of_its_own() -> None:
         "  - {sensor: s, merge: {aggregate: min}, publish: [real]}\n"
         "  - {sensor: s, merge: {replace: twin}, publish: [twin]}\n"
     )
-    recipe = load_recipe(parse(text.encode(), name="r.yaml"))
+    recipe = load_recipe(parse_document(text.encode(), name="r.yaml"))
     for_real, for_twin = compile_recipe(recipe, object_ids={})
     pair: tuple[Reading, Reading] = (beam(2.0, "real"), beam(5.0))
     found: list[Any] = [one.mix(*pair, now_s=1.0).reading for one in (for_real, for_twin)]

@@ -10,8 +10,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from wil_campaign.recipes.model.registry import Context, StepParameters, find
-from wil_campaign.recipes.operations.optics import disagreement_px, resized, scaled_intrinsics
+from wil_campaign.recipes.model.registry import StepContext, StepParameters, find_step
+from wil_campaign.recipes.operations.optics import (
+    camera_disagreement_px,
+    resized_image,
+    scaled_intrinsics,
+)
 from wil_campaign.recipes.working import CannotMixError, Masked, Operator
 from wil_campaign.vehicles.readings import BgrImage, CameraReading, Source
 from wil_campaign.worlds.camera import Intrinsics
@@ -34,10 +38,10 @@ def reading(image: BgrImage, source: Source = "twin", **more: Any) -> CameraRead
     return replace(CameraReading(1.0, 1.0, 3, source, image, camera), **more)
 
 
-def build(name: str, /, context: Context | None = None, **parameters: Any) -> Any:
-    kind = find(name)
+def build(name: str, /, context: StepContext | None = None, **parameters: Any) -> Any:
+    kind = find_step(name)
     assert kind is not None
-    return kind.build(kind.parameters(**parameters), context or Context())
+    return kind.build(kind.parameters(**parameters), context or StepContext())
 
 
 def overlay(*priority: str) -> CameraMerge:
@@ -101,7 +105,7 @@ def test_a_black_object_is_kept_by_its_id_and_shown() -> None:
     image[5:9, 5:9] = 0
     ids = np.zeros((HEIGHT, WIDTH), np.uint8)
     ids[5:9, 5:9] = 7
-    choose = build("isolate_objects", Context({"wall": 3, "gate": 7}), names=["gate"])
+    choose = build("isolate_objects", StepContext({"wall": 3, "gate": 7}), names=["gate"])
     twin = choose(Masked(reading(image, object_ids=ids)), None)
     real = picture((10, 200, 200))
     mixed = overlay("twin", "real")({"twin": twin, "real": Masked(reading(real, "real"))})
@@ -110,12 +114,12 @@ def test_a_black_object_is_kept_by_its_id_and_shown() -> None:
 
 
 def test_objects_need_ids_and_a_name_that_the_world_knows() -> None:
-    choose = build("isolate_objects", Context({"gate": 7}), names=["gate"])
+    choose = build("isolate_objects", StepContext({"gate": 7}), names=["gate"])
     with pytest.raises(CannotMixError) as caught:
         choose(Masked(reading(picture())), None)
     assert caught.value.reason == "no_ids"
     with pytest.raises(ValueError, match="no object 'door'"):
-        build("isolate_objects", Context({"gate": 7}), names=["door"])
+        build("isolate_objects", StepContext({"gate": 7}), names=["door"])
 
 
 def test_two_filters_keep_what_both_keep() -> None:
@@ -124,7 +128,7 @@ def test_two_filters_keep_what_both_keep() -> None:
     ids = np.zeros((HEIGHT, WIDTH), np.uint8)
     ids[5:20] = 7
     by_color = build("isolate_color", name="orange")
-    by_id = build("isolate_objects", Context({"gate": 7}), names=["gate"])
+    by_id = build("isolate_objects", StepContext({"gate": 7}), names=["gate"])
     work = by_id(by_color(Masked(reading(image, object_ids=ids)), None), None)
     assert work.mask is not None
     assert np.array_equal(np.flatnonzero(work.mask.any(axis=1)), np.arange(5, 10))
@@ -148,7 +152,7 @@ def test_the_picture_is_scaled_where_its_intrinsics_say(factor: float, left: int
     image = picture((0, 0, 0))
     image[top : top + 8, left : left + 8] = 255
     work = Masked(reading(image))
-    scaled = resized(work, round(WIDTH * factor), round(HEIGHT * factor))
+    scaled = resized_image(work, round(WIDTH * factor), round(HEIGHT * factor))
     assert scaled.reading.intrinsics.width_px == scaled.reading.image_bgr.shape[1]
     moments = cv2.moments(scaled.reading.image_bgr[:, :, 0])
     assert moments["m10"] / moments["m00"] == pytest.approx(
@@ -164,7 +168,7 @@ def test_depth_ids_and_mask_take_the_nearest_pixel() -> None:
     ids[:, 20:40] = 200
     depth = np.where(ids == 200, np.float32(2.5), np.float32(np.inf)).astype(np.float32)
     mask = np.where(ids == 200, 255, 0).astype(np.uint8)
-    work = resized(Masked(reading(picture(), object_ids=ids, depth_m=depth), mask), 32, 24)
+    work = resized_image(Masked(reading(picture(), object_ids=ids, depth_m=depth), mask), 32, 24)
     assert work.reading.object_ids is not None
     assert work.reading.depth_m is not None
     assert work.mask is not None
@@ -255,19 +259,19 @@ def test_images_that_do_not_fit_are_refused() -> None:
 
 
 def test_disagreement_of_cameras_is_that_at_the_worst_corner() -> None:
-    assert disagreement_px(CAMERA, CAMERA) == 0.0
+    assert camera_disagreement_px(CAMERA, CAMERA) == 0.0
     shifted = replace(CAMERA, cx_px=CAMERA.cx_px + 3.0)
-    assert disagreement_px(CAMERA, shifted) == pytest.approx(3.0)
+    assert camera_disagreement_px(CAMERA, shifted) == pytest.approx(3.0)
     longer = replace(CAMERA, fy_px=CAMERA.fy_px * 1.1)
-    assert disagreement_px(CAMERA, longer) == pytest.approx(0.1 * CAMERA.cy_px)
+    assert camera_disagreement_px(CAMERA, longer) == pytest.approx(0.1 * CAMERA.cy_px)
     both = replace(shifted, cy_px=CAMERA.cy_px - 4.0)
-    assert disagreement_px(CAMERA, both) == pytest.approx(5.0)
-    assert disagreement_px(CAMERA, replace(CAMERA, distortion=(0.1, 0, 0, 0))) == np.inf
-    assert disagreement_px(CAMERA, replace(CAMERA, distortion=(0, 0, 0, 0))) == 0.0
+    assert camera_disagreement_px(CAMERA, both) == pytest.approx(5.0)
+    assert camera_disagreement_px(CAMERA, replace(CAMERA, distortion=(0.1, 0, 0, 0))) == np.inf
+    assert camera_disagreement_px(CAMERA, replace(CAMERA, distortion=(0, 0, 0, 0))) == 0.0
 
 
 def test_parameters_of_a_step_are_frozen_and_know_their_sides() -> None:
-    kind = find("isolate_color")
+    kind = find_step("isolate_color")
     assert kind is not None
     parameters: Any = kind.parameters
     assert parameters(name="red").sides() == ("twin",)

@@ -2,7 +2,11 @@
 
 import pytest
 
-from wil_campaign.recipes.visibility.coverage import Coverage, VisibilityFault, uncovered
+from wil_campaign.recipes.visibility.coverage import (
+    VisibilityCoverage,
+    VisibilityFault,
+    uncovered_objects,
+)
 from wil_campaign.recipes.visibility.model import FrameVisibility, ObjectVisibility
 
 
@@ -22,8 +26,8 @@ def seen(
     return FrameVisibility(t_s, (found,))
 
 
-def flown(frames: list[FrameVisibility]) -> tuple[Coverage, VisibilityFault | None]:
-    coverage = Coverage()
+def flown(frames: list[FrameVisibility]) -> tuple[VisibilityCoverage, VisibilityFault | None]:
+    coverage = VisibilityCoverage()
     faults = [coverage.observe(frame) for frame in frames]
     return coverage, next((fault for fault in faults if fault is not None), None)
 
@@ -32,7 +36,7 @@ def test_an_object_shown_in_its_place_is_no_fault() -> None:
     coverage, fault = flown([seen(k / 5) for k in range(50)])
     assert fault is None
     assert coverage.never_shown() is None
-    assert uncovered([coverage]) is None
+    assert uncovered_objects([coverage]) is None
     gate = coverage.objects["gate"]
     assert (gate.in_view, gate.shown, list(gate.offsets)) == (50, 50, [2.0] * 50)
 
@@ -56,7 +60,7 @@ def test_an_object_that_was_never_in_view_need_not_be_shown() -> None:
     coverage, fault = flown([seen(k / 5, in_view=False) for k in range(50)])
     assert fault is None
     assert coverage.never_shown() is None
-    assert uncovered([coverage]) is None
+    assert uncovered_objects([coverage]) is None
 
 
 @pytest.mark.parametrize(
@@ -72,7 +76,7 @@ def test_an_object_never_shown_is_a_fault_also_in_few_frames(
         [seen(float(k), in_view=k >= frames - in_view, shown=False) for k in range(frames)]
     )
     assert fault is None
-    found = uncovered([coverage])
+    found = uncovered_objects([coverage])
     assert (found is not None) == is_fault
     if found is not None:
         said = f"it was in view in {in_view} measured frames, 0 showed it"
@@ -82,14 +86,14 @@ def test_an_object_never_shown_is_a_fault_also_in_few_frames(
 @pytest.mark.parametrize("shown", [1, 2])
 def test_a_share_of_few_frames_is_no_fault(shown: int) -> None:
     coverage, _ = flown([seen(float(k), shown=k < shown) for k in range(4)])
-    assert uncovered([coverage]) is None
+    assert uncovered_objects([coverage]) is None
 
 
 @pytest.mark.parametrize(("shown", "is_fault"), [(4, True), (24, True), (25, False)])
 def test_an_object_hardly_shown_is_a_fault_at_the_end(shown: int, is_fault: bool) -> None:
     coverage, fault = flown([seen(k / 5, shown=k < shown) for k in range(50)])
     assert fault is None
-    found = uncovered([coverage])
+    found = uncovered_objects([coverage])
     assert (found is not None) == is_fault
     if found is not None:
         assert "hardly showed gate" in found.text
@@ -99,12 +103,12 @@ def test_an_object_hardly_shown_is_a_fault_at_the_end(shown: int, is_fault: bool
 def test_another_sensor_may_show_it() -> None:
     blind, _ = flown([seen(k / 5, shown=False) for k in range(8)])
     lidar, _ = flown([seen(k / 5) for k in range(8)])
-    assert uncovered([blind, lidar]) is None
-    assert uncovered([blind]) is not None
+    assert uncovered_objects([blind, lidar]) is None
+    assert uncovered_objects([blind]) is not None
 
 
 def test_one_displaced_frame_is_looked_at_more_closely_and_two_are_a_fault() -> None:
-    coverage = Coverage()
+    coverage = VisibilityCoverage()
     assert coverage.observe(seen(1.0, offset=87.0)) is None
     assert coverage.is_suspect()
     assert coverage.observe(seen(1.07)) is None
@@ -118,7 +122,7 @@ def test_one_displaced_frame_is_looked_at_more_closely_and_two_are_a_fault() -> 
 
 def test_a_missed_frame_is_looked_at_more_closely_until_a_second_one_confirms_it() -> None:
     """What stays missed is not measured more often than what is shown: a share rests on it."""
-    coverage = Coverage()
+    coverage = VisibilityCoverage()
     suspect = []
     for k, is_shown in enumerate((True, False, True, False, False, False)):
         coverage.observe(seen(float(k), shown=is_shown))
@@ -134,11 +138,11 @@ def test_objects_left_out_by_name_are_counted() -> None:
     coverage, fault = flown([FrameVisibility(float(k), not_mixed=("intruder",)) for k in range(4)])
     assert fault is None
     assert coverage.not_mixed == {"intruder": 4}
-    assert uncovered([coverage]) is None
+    assert uncovered_objects([coverage]) is None
 
 
 def test_something_virtual_where_nothing_is_due_is_a_fault() -> None:
-    coverage = Coverage()
+    coverage = VisibilityCoverage()
     frame = FrameVisibility(1.0, elsewhere=0.05, is_unexpected=True)
     assert coverage.observe(frame) is None
     fault = coverage.observe(frame)
@@ -153,7 +157,7 @@ def test_a_frame_that_cannot_be_measured_is_reported_and_not_counted() -> None:
 
 
 def test_a_flight_without_a_mixture_is_not_measured() -> None:
-    assert Coverage().why_not_measured() == "no mixture was made while the goal was flown"
+    assert VisibilityCoverage().why_not_measured() == "no mixture was made while the goal was flown"
     assert flown([seen(1.0)])[0].why_not_measured() == ""
 
 

@@ -14,13 +14,13 @@ from wil_campaign.recipes.visibility.model import (
     ExpectedImage,
     FrameVisibility,
     ObjectVisibility,
-    Virtual,
+    VirtualObjects,
 )
 from wil_campaign.vehicles.readings import BgrImage
 
 WIDTH, HEIGHT, STEP = 160, 120, 4
 GATE = 2
-VIRTUAL = Virtual({GATE: "gate"})
+VIRTUAL = VirtualObjects({GATE: "gate"})
 ORANGE = (0, 105, 220)
 
 
@@ -235,7 +235,7 @@ def test_an_object_left_out_by_name_is_reported_in_view(scene: Scene) -> None:
     ids = np.where(ring(), np.uint8(GATE), np.uint8(1))
     ids[10:20, 10:20] = 3
     hidden = np.zeros(ids.shape, np.bool_)
-    virtual = Virtual({GATE: "gate"}, {3: "intruder", 4: "decoy"})
+    virtual = VirtualObjects({GATE: "gate"}, {3: "intruder", 4: "decoy"})
 
     def left_out(
         unknown: np.ndarray[tuple[int, ...], np.dtype[np.bool_]] | None,
@@ -275,7 +275,7 @@ def test_an_object_that_a_recipe_may_show_as_well_is_no_displaced_gate(
             real_bgr=scene.real,
             mixed_bgr=scene.overlaid(both),
             expected=ExpectedImage(ids, drawn(both), None, STEP),
-            virtual=Virtual({GATE: "gate"}, {3: "tree"}, beside),
+            virtual=VirtualObjects({GATE: "gate"}, {3: "tree"}, beside),
             limit_px=None,
             is_like=True,
         )
@@ -323,7 +323,7 @@ def test_two_objects_are_distinguished(both: bool) -> None:
             real_bgr=real,
             mixed_bgr=mixed,
             expected=ExpectedImage(ids, drawn(left | right), None, STEP),
-            virtual=Virtual({2: "left", 3: "right"}),
+            virtual=VirtualObjects({2: "left", 3: "right"}),
             limit_px=None,
             is_like=True,
         )
@@ -359,7 +359,7 @@ def before_a_wall(x: float | None) -> ObjectVisibility:
                 None,
                 STEP,
             ),
-            virtual=Virtual({GATE: "gate", BACK: "wall"}),
+            virtual=VirtualObjects({GATE: "gate", BACK: "wall"}),
             limit_px=None,
             is_like=True,
         )
@@ -378,7 +378,7 @@ def test_an_object_before_another_virtual_one_is_sought_as_it_is_drawn() -> None
 
 WALL = 3
 RED = (10, 20, 120)
-BEHIND = Virtual({GATE: "gate", WALL: "wall"})
+BEHIND = VirtualObjects({GATE: "gate", WALL: "wall"})
 
 
 def ball_before_a_wall(*, wall: bool, away: int = 0) -> FrameVisibility:

@@ -10,12 +10,12 @@ from wil_campaign.recipes.visibility.model import (
     ExpectedRanges,
     FrameVisibility,
     ObjectVisibility,
-    Virtual,
+    VirtualObjects,
 )
 from wil_campaign.recipes.visibility.ranges import compare_ranges
 
 WALL = 2
-VIRTUAL = Virtual({WALL: "wall"})
+VIRTUAL = VirtualObjects({WALL: "wall"})
 BEAMS = 60
 DUE = slice(20, 40)
 Ranges = NDArray[np.float64]
@@ -112,7 +112,7 @@ def test_an_object_left_out_by_name_is_reported_where_beams_should_meet_it() -> 
             real_m=truly,
             mixed_m=truly,
             expected=due,
-            virtual=Virtual({WALL: "wall"}, {3: "intruder", 4: "decoy"}),
+            virtual=VirtualObjects({WALL: "wall"}, {3: "intruder", 4: "decoy"}),
             reach_m=(0.15, far_m),
         ).not_mixed
 

@@ -4,7 +4,7 @@ from typing import Any, Self
 
 import pytest
 
-from wil_campaign.safety.evaluation.judge import Judge, OracleUse, build_oracles, unjudged
+from wil_campaign.safety.evaluation.judge import Judge, OracleUse, build_oracles, unjudged_contacts
 from wil_campaign.safety.fence.geofence import Fence
 from wil_campaign.safety.model.oracle_results import OracleResult
 from wil_campaign.safety.model.samples import (
@@ -20,11 +20,11 @@ from wil_campaign.safety.oracles.oracle import (
     Oracle,
     OracleContext,
     OracleError,
+    OracleTerms,
     RunMode,
-    Terms,
 )
 from wil_campaign.safety.oracles.registry import oracle_kinds
-from wil_campaign.vehicles.autopilots.autopilot import Mode
+from wil_campaign.vehicles.autopilots.autopilot import FlightMode
 from wil_campaign.worlds.frames import Pose, Vec3
 
 FENCE = Fence.box(north_m=(-1, 4), east_m=(-2, 2), up_m=(-0.5, 2.5))
@@ -51,7 +51,7 @@ def pose(t_s: float, vehicle: str, at: Vec3) -> PoseSample:
 
 
 def state(t_s: float, vehicle: str, *, armed: bool, landed: bool) -> StateSample:
-    return StateSample(t_s, vehicle, armed, Mode.LAND, "LAND", landed)
+    return StateSample(t_s, vehicle, armed, FlightMode.LAND, "LAND", landed)
 
 
 def test_a_failure_in_flight_is_no_goal_that_is_not_reached_yet() -> None:
@@ -86,7 +86,7 @@ def test_a_failure_in_flight_is_no_goal_that_is_not_reached_yet() -> None:
 class Referred(Oracle):
     """Keeps the poses by other sources that it is given."""
 
-    def __init__(self, terms: Terms) -> None:
+    def __init__(self, terms: OracleTerms) -> None:
         super().__init__(terms)
         self.seen: list[str] = []
 
@@ -337,9 +337,9 @@ def test_no_use_of_collision_switches_off_the_collision_that_is_always_judged(
 
 def test_contacts_excluded_from_the_collision_that_is_always_judged_are_named() -> None:
     uses = (use("collision", ground=("table", "pad")), use("clearance", min_m=0.1, ground=("pad",)))
-    assert unjudged(uses, collision_always=True) == (
+    assert unjudged_contacts(uses, collision_always=True) == (
         "contact with table at takeoff and landing",
         "contact with pad at takeoff and landing",
     )
-    assert unjudged(uses, collision_always=False) == ("collision_always",)
-    assert unjudged((use("collision"),), collision_always=True) == ()
+    assert unjudged_contacts(uses, collision_always=False) == ("collision_always",)
+    assert unjudged_contacts((use("collision"),), collision_always=True) == ()

@@ -13,11 +13,11 @@ from tests.safety.oracles.oracle_rigs import FENCE, SCENE
 from wil_campaign.safety.evaluation.judge import Judge, OracleUse, build_oracles
 from wil_campaign.safety.evaluation.judge_log import (
     ActorPose,
+    ClockTick,
     JudgeLogError,
     JudgeLogPacker,
     LoggedSample,
-    Tick,
-    WorldEvent,
+    LoggedWorldEvent,
     judge_from_log,
     read_judge_log,
 )
@@ -42,15 +42,15 @@ from wil_campaign.safety.model.samples import (
 from wil_campaign.safety.oracles.gates import gates_of
 from wil_campaign.safety.oracles.oracle import OracleContext
 from wil_campaign.safety.oracles.registry import oracle_kinds
-from wil_campaign.vehicles.autopilots.autopilot import Mode
+from wil_campaign.vehicles.autopilots.autopilot import FlightMode
 from wil_campaign.vehicles.embedded.physics.airframe import Airframe
-from wil_campaign.vehicles.embedded.physics.contact_world import body_of
+from wil_campaign.vehicles.embedded.physics.contact_world import contact_box_of
 from wil_campaign.worlds.clearance.clearance import ClearanceProbe
 from wil_campaign.worlds.frames import Pose
 from wil_campaign.worlds.scene.scene import Scene
 from wil_campaign.worlds.scene.track import RunHistory
 
-BODY = body_of(Airframe())
+BODY = contact_box_of(Airframe())
 USES: tuple[tuple[str, dict[str, object]], ...] = (
     ("collision", {}),
     ("clearance", {"min_m": 0.3}),
@@ -116,13 +116,13 @@ def judge_logs(draw: st.DrawFn) -> list[LoggedSample]:
         elif kind == 6:
             taped.append(LinkSample(t_s, vehicle))
         elif kind == 7:
-            taped.append(Tick(t_s))
+            taped.append(ClockTick(t_s))
         elif kind >= 10:
             taped.append(draw_evidence(draw, t_s, vehicle))
         elif kind == 8 and draw(st.booleans()):
             taped.append(FenceSample(t_s, vehicle, draw(st.sampled_from(FENCES))))
         elif kind == 8:
-            taped.append(WorldEvent(t_s, draw(st.text(max_size=4))))
+            taped.append(LoggedWorldEvent(t_s, draw(st.text(max_size=4))))
         elif stages:
             taped.append(StageSample(t_s, stages.pop(0), draw(st.none() | vehicles)))
     return taped
@@ -159,7 +159,7 @@ def draw_state(draw: st.DrawFn, t_s: float, vehicle: str) -> StateSample:
         t_s,
         vehicle,
         draw(st.booleans()),
-        draw(st.sampled_from(Mode)),
+        draw(st.sampled_from(FlightMode)),
         draw(st.sampled_from(["HOLD", "OFFBOARD"])),
         draw(st.none() | st.booleans()),
         draw(texts),
@@ -240,11 +240,11 @@ def feed(judge: Judge, events: dict[str, float], sample: LoggedSample) -> None:
             judge.stage(sample)
         case DropOutSample():
             judge.drop_out(sample)
-        case Tick(t_s):
+        case ClockTick(t_s):
             judge.tick(t_s)
         case FenceSample():
             judge.fence(sample)
-        case WorldEvent(t_s, name):
+        case LoggedWorldEvent(t_s, name):
             events[name] = t_s
 
 

@@ -13,10 +13,10 @@ from wil_campaign.safety.oracles.registry import oracle_kinds
 from wil_campaign.worlds.clearance.clearance import BoxShape, ClearanceProbe
 from wil_campaign.worlds.frames import Pose, Vec3
 from wil_campaign.worlds.scene.scene import Scene, SceneObject
-from wil_campaign.worlds.scene.shapes import room
+from wil_campaign.worlds.scene.shapes import room_shape
 
 BODY = BoxShape((0.15, 0.15, 0.05))
-CAGE = Scene((SceneObject(1, "cage", room(8, 8, 5), Pose.of(0, 0, 0)),))
+CAGE = Scene((SceneObject(1, "cage", room_shape(8, 8, 5), Pose.of(0, 0, 0)),))
 STAGES: tuple[tuple[float, Stage], ...] = (
     *((1.0, "takeoff"), (3.0, "at_height"), (5.0, "goal")),
     *((8.0, "done"), (9.0, "land"), (12.0, "landed"), (14.0, "end")),

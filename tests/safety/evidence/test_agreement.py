@@ -8,19 +8,19 @@ import numpy as np
 import pytest
 
 from wil_campaign.safety.evidence.agreement import (
-    Accuracy,
-    Agreement,
     Disagreement,
-    OwnVelocity,
+    PositionAgreement,
+    SourceAccuracy,
     StandingStill,
+    VelocityAgreement,
 )
 from wil_campaign.safety.model.samples import PoseSample, ReferenceSample
 from wil_campaign.worlds.frames import Pose, Vec3
 
 TRACES = Path(__file__).parents[2] / "vehicles" / "traces"
-CAPTURED = Accuracy(0.002)
-ESTIMATED = Accuracy(1.0, 0.1)
-TRUTH = Accuracy(0.0)
+CAPTURED = SourceAccuracy(0.002)
+ESTIMATED = SourceAccuracy(1.0, 0.1)
+TRUTH = SourceAccuracy(0.0)
 SPEED_M_S = 0.8
 
 Place = Callable[[float], Vec3]
@@ -39,12 +39,12 @@ def first(
     *,
     other: Place = straight,
     velocity: Vec3 = (SPEED_M_S, 0.0, 0.0),
-    by: tuple[Accuracy, Accuracy] = (CAPTURED, ESTIMATED),
+    by: tuple[SourceAccuracy, SourceAccuracy] = (CAPTURED, ESTIMATED),
     late_s: float = 0.0,
     for_s: float = 10.0,
 ) -> Disagreement | None:
     """Return the first disagreement of two sources over a flight of ten seconds."""
-    agreement = Agreement(judged=by[0], other=by[1], source="the other")
+    agreement = PositionAgreement(judged=by[0], other=by[1], source="the other")
     found: list[Disagreement | None] = []
     for tick in range(int(for_s * 50)):
         t_s = tick / 50
@@ -99,7 +99,7 @@ def test_a_jump_and_a_bias_are_found_by_the_accuracy_of_both() -> None:
 @pytest.mark.parametrize("other", [CAPTURED, TRUTH])
 @pytest.mark.parametrize(("off_m", "is_found"), [(0.4, False), (0.6, True), (-1.4, True)])
 def test_a_better_source_bounds_the_error_of_an_estimate(
-    other: Accuracy, off_m: float, is_found: bool
+    other: SourceAccuracy, off_m: float, is_found: bool
 ) -> None:
     def low(t_s: float) -> Vec3:
         return (straight(t_s)[0], 0.0, -1.2 + off_m)
@@ -134,7 +134,7 @@ def test_times_that_are_mapped_inexactly_exclude_no_vehicle_that_brakes_hard() -
     def braking(t_s: float) -> Vec3:
         return (0.5 * 10.0 * min(t_s, 0.5) ** 2 + 5.0 * max(0.0, t_s - 0.5), 0.0, -1.2)
 
-    agreement = Agreement(judged=CAPTURED, other=ESTIMATED, source="the other")
+    agreement = PositionAgreement(judged=CAPTURED, other=ESTIMATED, source="the other")
     found: list[Disagreement | None] = []
     for tick in range(100):
         t_s = tick / 50
@@ -149,7 +149,7 @@ def test_times_that_are_mapped_inexactly_exclude_no_vehicle_that_brakes_hard() -
 
 def own(north_m: Callable[[float], float], velocity_m_s: float) -> Disagreement | None:
     """Return the first step of a place beside its own velocity, over ten seconds."""
-    source = OwnVelocity()
+    source = VelocityAgreement()
     found = [
         source.pose(
             PoseSample(tick / 50, "real", Pose((north_m(tick / 50), 0, -1)), (velocity_m_s, 0, 0))
@@ -191,13 +191,13 @@ def test_stated_noise_disagrees_in_no_flight() -> None:
 
 
 def test_displacements_are_as_exact_as_the_better_of_places_and_velocity() -> None:
-    assert Accuracy(1.0, 0.1).displacement_m(1.0) == pytest.approx(0.1)
-    assert Accuracy(0.01, 0.1).displacement_m(1.0) == pytest.approx(0.01 * math.sqrt(2.0))
-    assert Accuracy(0.01).displacement_m(1.0) == pytest.approx(0.01 * math.sqrt(2.0))
+    assert SourceAccuracy(1.0, 0.1).displacement_m(1.0) == pytest.approx(0.1)
+    assert SourceAccuracy(0.01, 0.1).displacement_m(1.0) == pytest.approx(0.01 * math.sqrt(2.0))
+    assert SourceAccuracy(0.01).displacement_m(1.0) == pytest.approx(0.01 * math.sqrt(2.0))
 
 
 def test_a_silence_of_the_other_source_is_not_integrated_over() -> None:
-    agreement = Agreement(judged=CAPTURED, other=ESTIMATED, source="the other")
+    agreement = PositionAgreement(judged=CAPTURED, other=ESTIMATED, source="the other")
     found: list[Disagreement | None] = []
     for tick in range(500):
         t_s = tick / 50
@@ -225,10 +225,10 @@ def recorded(name: str) -> list[PoseSample]:
 def test_sources_agree_in_flights_of_the_real_firmwares(name: str) -> None:
     flight = recorded(name)
     assert flight[-1].t_s - flight[0].t_s > 25.0
-    source = OwnVelocity()
+    source = VelocityAgreement()
     assert not any(source.pose(sample) for sample in flight)
     # Motion capture beside it sees where it goes; its velocity is off by 0.9 m/s in PX4's flight.
-    agreement = Agreement(judged=CAPTURED, other=ESTIMATED, source="mavlink")
+    agreement = PositionAgreement(judged=CAPTURED, other=ESTIMATED, source="mavlink")
     for sample in flight:
         place = sample.pose.position_ned_m
         assert agreement.pose(sample) is None
@@ -238,7 +238,7 @@ def test_sources_agree_in_flights_of_the_real_firmwares(name: str) -> None:
 
 
 def test_a_step_in_the_flight_of_a_real_firmware_is_found() -> None:
-    source = OwnVelocity()
+    source = VelocityAgreement()
     flight = recorded("arducopter-4.7-guided")
     found = []
     for sample in flight:

@@ -25,7 +25,7 @@ from wil_campaign.safety.model.samples import (
     StageSample,
     StateSample,
 )
-from wil_campaign.vehicles.autopilots.autopilot import Mode
+from wil_campaign.vehicles.autopilots.autopilot import FlightMode
 from wil_campaign.worlds.frames import Pose
 
 LIMIT_S = 0.1
@@ -76,7 +76,9 @@ class Flight:
                 if not self.deaf[0] <= t_s < self.deaf[1]:
                     self.evidence.received(LinkSample(t_s - 0.001, "real"))
                 up = 2.0 <= t_s < 8.9 and not self.landed
-                self.evidence.state(StateSample(t_s, "real", True, Mode.GUIDED, landed=not up))
+                self.evidence.state(
+                    StateSample(t_s, "real", True, FlightMode.GUIDED, landed=not up)
+                )
                 self.evidence.tick(t_s)
         self.evidence.stage(StageSample(END_S, "end"))
         return self.evidence.results()[0]

@@ -9,7 +9,7 @@ from wil_campaign.safety.evidence.evidence import Evidence
 from wil_campaign.safety.evidence.terms import SignalTerms
 from wil_campaign.safety.model.oracle_results import EvidenceResult
 from wil_campaign.safety.model.samples import PoseSample, StageSample, StateSample
-from wil_campaign.vehicles.autopilots.autopilot import Mode
+from wil_campaign.vehicles.autopilots.autopilot import FlightMode
 from wil_campaign.worlds.frames import Pose
 
 LOST = "the estimator has lost its absolute position (POS_HORIZ_ABS)"
@@ -23,7 +23,7 @@ def judged(signal: SignalTerms, *, lost_s: float | None, found_s: float = 9.0) -
     for tick in range(50):
         t_s = tick / 10
         lost = LOST if lost_s is not None and lost_s <= t_s < found_s else None
-        state = StateSample(t_s, "real", True, Mode.GUIDED, landed=False, dead_reckoning=lost)
+        state = StateSample(t_s, "real", True, FlightMode.GUIDED, landed=False, dead_reckoning=lost)
         evidence.state(state)
         evidence.pose(PoseSample(t_s, "real", Pose((t_s / 10, 0.0, -1.0)), (0.1, 0.0, 0.0)))
         if tick == 40:

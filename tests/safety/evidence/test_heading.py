@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 
 from tests.safety.evidence.test_motion import ESTIMATE, terms
-from wil_campaign.safety.evidence.agreement import Accuracy
+from wil_campaign.safety.evidence.agreement import SourceAccuracy
 from wil_campaign.safety.evidence.evidence import Evidence
 from wil_campaign.safety.evidence.poses import HeadingAgreement
 from wil_campaign.safety.evidence.terms import SignalTerms
@@ -91,7 +91,9 @@ def test_the_heading_of_an_unjudged_vehicle_is_no_evidence() -> None:
 
 @pytest.mark.parametrize(("turned_deg", "verdict"), [(10.0, "PASS"), (-20.0, "INVALID")])
 def test_heading_is_held_against_motion_capture_and_truth(turned_deg: float, verdict: str) -> None:
-    judged = replace(BY_ESTIMATE, references={"mocap": Accuracy(0.002, None, math.radians(0.5))})
+    judged = replace(
+        BY_ESTIMATE, references={"mocap": SourceAccuracy(0.002, None, math.radians(0.5))}
+    )
     evidence = Evidence([judged])
     evidence.stage(StageSample(0.0, "takeoff"))
     for tick in range(50):
@@ -109,8 +111,8 @@ def test_heading_is_held_against_motion_capture_and_truth(turned_deg: float, ver
 
 
 def test_a_heading_is_compared_though_the_judged_stamps_went_back_since() -> None:
-    mocap = Accuracy(0.002, None, math.radians(0.5))
-    agreement = HeadingAgreement(Accuracy(1.0, 0.1, math.radians(2.0)), {"mocap": mocap})
+    mocap = SourceAccuracy(0.002, None, math.radians(0.5))
+    agreement = HeadingAgreement(SourceAccuracy(1.0, 0.1, math.radians(2.0)), {"mocap": mocap})
     turned = Pose.of(0.0, 0.0, -1.0, yaw_rad=math.radians(40.0)).q_wxyz
     still = (0.0, 0.0, 0.0)
     agreement.reference(ReferenceSample(2.0, "real", "mocap", (0.0, 0.0, -1.0), still, turned))

@@ -8,16 +8,16 @@ from dataclasses import replace
 import pytest
 
 from tests.safety.evidence.test_agreement import recorded
-from wil_campaign.safety.evidence.agreement import Accuracy
+from wil_campaign.safety.evidence.agreement import SourceAccuracy
 from wil_campaign.safety.evidence.evidence import Evidence
 from wil_campaign.safety.evidence.terms import SignalTerms
 from wil_campaign.safety.model.oracle_results import EvidenceResult
 from wil_campaign.safety.model.samples import PoseSample, ReferenceSample, StageSample, StateSample
-from wil_campaign.vehicles.autopilots.autopilot import Mode
+from wil_campaign.vehicles.autopilots.autopilot import FlightMode
 from wil_campaign.worlds.frames import Pose, Quat, Vec3
 
-ESTIMATE = Accuracy(1.0, 0.1, math.radians(2.0))
-TRUTH = Accuracy(0.0)
+ESTIMATE = SourceAccuracy(1.0, 0.1, math.radians(2.0))
+TRUTH = SourceAccuracy(0.0)
 Change = Callable[[PoseSample], PoseSample]
 
 
@@ -52,7 +52,7 @@ def flight() -> Iterable[PoseSample]:
 def fly(signal: str, change: Change, *, has_truth: bool = True) -> EvidenceResult:
     evidence = Evidence([terms(signal)])
     evidence.stage(StageSample(0.0, "takeoff"))
-    evidence.state(StateSample(0.0, "real", True, Mode.GUIDED, landed=False))
+    evidence.state(StateSample(0.0, "real", True, FlightMode.GUIDED, landed=False))
     for tick, true in enumerate(flight()):
         if has_truth and tick % 5 == 0:
             evidence.reference(
@@ -206,7 +206,7 @@ def test_a_grid_repeats_places_while_it_hovers_but_no_attitude(
     source = replace(terms(signal), on_grid=on_grid, references={}, source="simulator")
     evidence = Evidence([source])
     evidence.stage(StageSample(0.0, "takeoff"))
-    evidence.state(StateSample(0.0, "real", True, Mode.GUIDED, landed=False))
+    evidence.state(StateSample(0.0, "real", True, FlightMode.GUIDED, landed=False))
     for sample in flight():
         hovering = rounded(sample)
         evidence.pose(turned(None)(hovering) if frozen else hovering)
@@ -232,7 +232,7 @@ def test_a_simulated_vehicle_stands_to_the_last_bit_until_its_landing_is_reporte
     evidence.stage(StageSample(0.0, "takeoff"))
     evidence.stage(StageSample(0.0, "at_height"))
     evidence.stage(StageSample(0.01, "land"))
-    evidence.state(StateSample(0.01, "real", True, Mode.LAND, landed=False))
+    evidence.state(StateSample(0.01, "real", True, FlightMode.LAND, landed=False))
     height_m, down_m_s = 1.0, 0.5
     stands_at_s = (height_m - stands_from_m) / down_m_s
     for tick in range(1, 300):
@@ -246,7 +246,7 @@ def test_a_simulated_vehicle_stands_to_the_last_bit_until_its_landing_is_reporte
         down_m = min(down_m_s * t_s - height_m, -stands_from_m)
         evidence.pose(PoseSample(t_s, "real", Pose((0.0, 0.0, down_m)), moves_m_s))
         if t_s >= stands_at_s + reported_s:
-            evidence.state(StateSample(t_s, "real", True, Mode.LAND, landed=True))
+            evidence.state(StateSample(t_s, "real", True, FlightMode.LAND, landed=True))
     (result,) = evidence.results()
     assert result.verdict == verdict, result.reason
     assert ("it repeats one" in result.reason) is (verdict == "INVALID")

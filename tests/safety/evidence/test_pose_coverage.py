@@ -5,15 +5,15 @@ from typing import Any
 
 import pytest
 
-from wil_campaign.safety.evidence.agreement import Accuracy
+from wil_campaign.safety.evidence.agreement import SourceAccuracy
 from wil_campaign.safety.evidence.evidence import Evidence
 from wil_campaign.safety.evidence.terms import SignalTerms
 from wil_campaign.safety.model.oracle_results import EvidenceResult
 from wil_campaign.safety.model.samples import PoseSample, ReferenceSample, StageSample, StateSample
-from wil_campaign.vehicles.autopilots.autopilot import Mode
+from wil_campaign.vehicles.autopilots.autopilot import FlightMode
 from wil_campaign.worlds.frames import Pose, quat_from_euler
 
-EXACT_MOVES = Accuracy(1.0, 0.02)
+EXACT_MOVES = SourceAccuracy(1.0, 0.02)
 """Of an estimate that may be off, but moves as its vehicle does."""
 
 
@@ -26,10 +26,10 @@ def judged(north_m: Callable[[float], float], **stages: float) -> EvidenceResult
         limit_s=0.1,
         required=True,
         accuracy=EXACT_MOVES,
-        references={"truth": Accuracy(0.0)},
+        references={"truth": SourceAccuracy(0.0)},
     )
     evidence = Evidence([terms])
-    evidence.state(StateSample(-2.0, "real", True, Mode.GUIDED, landed=False))
+    evidence.state(StateSample(-2.0, "real", True, FlightMode.GUIDED, landed=False))
     for tick in range(-100, 100):
         t_s = tick / 50
         for name in [one for one, at_s in stages.items() if at_s == t_s]:
@@ -75,15 +75,15 @@ def standing(
         source="simulator",
         limit_s=0.1,
         required=True,
-        accuracy=Accuracy(0.0),
-        references={"mavlink": Accuracy(5.0)},
+        accuracy=SourceAccuracy(0.0),
+        references={"mavlink": SourceAccuracy(5.0)},
         on_grid=True,
     )
     evidence = Evidence([terms])
-    evidence.state(StateSample(-1.0, "real", True, Mode.GUIDED, landed=reported))
+    evidence.state(StateSample(-1.0, "real", True, FlightMode.GUIDED, landed=reported))
     still = (0.0, 0.0, 0.0)
     evidence.pose(PoseSample(-1.0, "real", Pose((0.0, 0.0, 0.0)), still))
-    evidence.state(StateSample(-0.5, "real", True, Mode.GUIDED, landed=False))
+    evidence.state(StateSample(-0.5, "real", True, FlightMode.GUIDED, landed=False))
     for name in ("takeoff", "at_height", "goal", "land"):
         evidence.stage(StageSample(0.0, name))
         if name == stage:

@@ -18,7 +18,7 @@ from wil_campaign.safety.fence.geofence import (
     Polygon,
     require_few_corners,
 )
-from wil_campaign.safety.fence.stopping import Motion, stopping_path
+from wil_campaign.safety.fence.stopping import VehicleMotion, stopping_path
 from wil_campaign.worlds.frames import Vec3, add, lerp
 
 BOX = Fence.box(north_m=(-1.2, 4.2), east_m=(-2.7, 2.7), up_m=(-0.5, 2.3))
@@ -145,7 +145,7 @@ def test_inside_means_in_an_inclusion_in_no_exclusion_and_between_the_heights(
 def test_a_breach_is_what_a_fine_search_of_the_way_finds(
     fence: Fence, position: Vec3, speed: Vec3, late: float, brake: float
 ) -> None:
-    motion = Motion(position, speed)
+    motion = VehicleMotion(position, speed)
     path = stopping_path(motion, speed, latency_s=late, braking_m_s2=brake)
     end = path.end_ned_m
     way = [fence.margin_m(lerp(position, end, i / 400)) for i in range(401)]
@@ -165,15 +165,18 @@ def test_a_breach_is_what_a_fine_search_of_the_way_finds(
 def test_a_thin_exclusion_is_not_jumped_over() -> None:
     wall = Polygon.rectangle((2.0, 2.02), (-5, 5))
     fence = Fence(inclusions=[Polygon.rectangle((-50, 50), (-50, 50))], exclusions=[wall])
-    breach = fence.breached(Motion((0, 0, -1), (10.0, 0, 0)), latency_s=0.2, braking_m_s2=5)
+    breach = fence.breached(VehicleMotion((0, 0, -1), (10.0, 0, 0)), latency_s=0.2, braking_m_s2=5)
     assert breach is not None
     assert breach.predicted
     assert breach.point_ned_m[0] == pytest.approx(2.01, abs=0.02)
-    assert fence.breached(Motion((0, 0, -1), (0, 10.0, 0)), latency_s=0.2, braking_m_s2=5) is None
+    assert (
+        fence.breached(VehicleMotion((0, 0, -1), (0, 10.0, 0)), latency_s=0.2, braking_m_s2=5)
+        is None
+    )
 
 
 def test_a_predicted_breach_tells_the_distance_of_the_boundary_that_it_names() -> None:
-    beside_the_wall = Motion((4.1, 0.0, -1.0), (0.0, 0.0, -2.0))
+    beside_the_wall = VehicleMotion((4.1, 0.0, -1.0), (0.0, 0.0, -2.0))
     breach = BOX.breached(beside_the_wall, latency_s=0.5, braking_m_s2=2.5)
     assert breach is not None
     assert str(breach) == "cannot stop before the fence's ceiling, 1.30 m away"
@@ -184,16 +187,20 @@ def test_a_predicted_breach_tells_the_distance_of_the_boundary_that_it_names() -
 )
 def test_prediction_counts_latency_and_braking(speed_m_s: float, breaks: bool) -> None:
     # 1.2 m of room north; 0.1 s and 2 m/s^2 make 1.93 m/s the most that stops in time.
-    breach = BOX.breached(Motion((3.0, 0, -1), (speed_m_s, 0, 0)), latency_s=0.1, braking_m_s2=2.0)
+    breach = BOX.breached(
+        VehicleMotion((3.0, 0, -1), (speed_m_s, 0, 0)), latency_s=0.1, braking_m_s2=2.0
+    )
     assert (breach is not None) == breaks
 
 
 def test_keep_distance_and_words() -> None:
-    breach = BOX.breached(Motion((4.0, 0, -1), (0, 0, 0)), latency_s=0, braking_m_s2=1, keep_m=0.3)
+    breach = BOX.breached(
+        VehicleMotion((4.0, 0, -1), (0, 0, 0)), latency_s=0, braking_m_s2=1, keep_m=0.3
+    )
     assert breach is not None
-    outside = BOX.breached(Motion((4.5, 0, -1), (0, 0, 0)), latency_s=0, braking_m_s2=1)
+    outside = BOX.breached(VehicleMotion((4.5, 0, -1), (0, 0, 0)), latency_s=0, braking_m_s2=1)
     assert str(outside) == "0.30 m outside of the fence's north side"
-    above = BOX.breached(Motion((0, 0, -2.2), (0, 0, -2)), latency_s=0.1, braking_m_s2=2)
+    above = BOX.breached(VehicleMotion((0, 0, -2.2), (0, 0, -2)), latency_s=0.1, braking_m_s2=2)
     assert str(above) == "cannot stop before the fence's ceiling, 0.10 m away"
     assert BOX.boundary((0, 0, 1)) == "floor"
 
@@ -210,7 +217,7 @@ def test_a_side_is_named_by_where_it_faces_and_an_exclusion_by_its_number() -> N
     assert fence.boundary((1.4, 2, -1)) == "exclusion 1"
     assert fence.boundary((-1.5, -1.1, -1)) == "exclusion 2"
     assert Fence(exclusions=[Circle((2, 2), 0.5)]).boundary((2, 2.4, -1)) == "exclusion"
-    breach = fence.breached(Motion((3, 0, -1), (2, 0, 0)), latency_s=0.5, braking_m_s2=2)
+    breach = fence.breached(VehicleMotion((3, 0, -1), (2, 0, 0)), latency_s=0.5, braking_m_s2=2)
     assert str(breach) == "cannot stop before the fence's north side, 1.00 m away"
 
 
@@ -272,7 +279,7 @@ def test_a_path_of_an_impossible_velocity_is_a_breach_within_a_second() -> None:
     """Where a fence has no sides, a broken velocity kept the guard busy for minutes."""
     fence = Fence(exclusions=(Circle((50, 50), 5),), floor_up_m=0, ceiling_up_m=10)
     begin_s = time.process_time()
-    breach = fence.breached(Motion((0, 0, -5), (1e6, 0, 0)), latency_s=0.7, braking_m_s2=2.5)
+    breach = fence.breached(VehicleMotion((0, 0, -5), (1e6, 0, 0)), latency_s=0.7, braking_m_s2=2.5)
     assert breach is not None
     assert breach.predicted
     assert time.process_time() - begin_s < 2.0

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from wil_campaign.safety.fence.geofence import Fence
 from wil_campaign.safety.fence.stopping import (
     AccelerationEstimate,
-    Motion,
+    VehicleMotion,
     longest_path_m,
     stopping_path,
     velocities_ahead,
@@ -25,12 +25,12 @@ speed = st.floats(-12, 12)
 vector = st.tuples(speed, speed, speed)
 
 
-def breaks(motion: Motion) -> bool:
+def breaks(motion: VehicleMotion) -> bool:
     return HALL.breached(motion, latency_s=0.5, braking_m_s2=2.5) is not None
 
 
 def test_a_steady_vehicle_flies_on_for_the_latency_and_brakes() -> None:
-    motion = Motion(HERE, (2.0, 0.0, 0.0))
+    motion = VehicleMotion(HERE, (2.0, 0.0, 0.0))
     path = stopping_path(motion, (2.0, 0.0, 0.0), latency_s=0.5, braking_m_s2=2.5)
     assert path.braking_from_ned_m == pytest.approx((1.0, 0.0, -1.0))
     assert path.end_ned_m == pytest.approx((1.8, 0.0, -1.0))
@@ -39,31 +39,31 @@ def test_a_steady_vehicle_flies_on_for_the_latency_and_brakes() -> None:
 
 def test_a_vehicle_that_accelerates_is_stopped_sooner() -> None:
     # 1.4 m/s: 0.7 m and 0.39 m. With 2 m/s^2: 0.83 m, then 1.9 m/s and 0.72 m.
-    assert not breaks(Motion((0.6, 0.0, -1.0), (1.4, 0.0, 0.0)))
-    assert breaks(Motion((0.6, 0.0, -1.0), (1.4, 0.0, 0.0), (2.0, 0.0, 0.0)))
-    assert not breaks(Motion((0.6, 0.0, -1.0), (1.4, 0.0, 0.0), (-2.0, 0.0, 0.0)))
-    assert not breaks(Motion((0.6, 0.0, -1.0), (0.0, 1.4, 0.0), (2.5, 0.0, 0.0)))
+    assert not breaks(VehicleMotion((0.6, 0.0, -1.0), (1.4, 0.0, 0.0)))
+    assert breaks(VehicleMotion((0.6, 0.0, -1.0), (1.4, 0.0, 0.0), (2.0, 0.0, 0.0)))
+    assert not breaks(VehicleMotion((0.6, 0.0, -1.0), (1.4, 0.0, 0.0), (-2.0, 0.0, 0.0)))
+    assert not breaks(VehicleMotion((0.6, 0.0, -1.0), (0.0, 1.4, 0.0), (2.5, 0.0, 0.0)))
 
 
 def test_a_known_command_takes_the_place_of_the_acceleration() -> None:
     # It accelerates to 1.4 m/s, and no further.
-    motion = Motion((0.6, 0.0, -1.0), (1.4, 0.0, 0.0), (2.0, 0.0, 0.0), (1.4, 0.0, 0.0))
+    motion = VehicleMotion((0.6, 0.0, -1.0), (1.4, 0.0, 0.0), (2.0, 0.0, 0.0), (1.4, 0.0, 0.0))
     assert not breaks(motion)
 
 
 def test_a_slowing_vehicle_counts_as_steady() -> None:
-    assert breaks(Motion(HERE, (2.2, 0.0, 0.0), (-2.0, 0.0, 0.0)))
-    assert breaks(Motion(HERE, (2.2, 0.0, 0.0), commanded_ned_m_s=STANDING))
+    assert breaks(VehicleMotion(HERE, (2.2, 0.0, 0.0), (-2.0, 0.0, 0.0)))
+    assert breaks(VehicleMotion(HERE, (2.2, 0.0, 0.0), commanded_ned_m_s=STANDING))
 
 
 def test_a_command_counts_as_far_as_it_is_reached_by_then() -> None:
     near = (1.5, 0.0, -1.0)
-    assert not breaks(Motion(near, STANDING, commanded_ned_m_s=(0.8, 0.0, 0.0)))
-    assert breaks(Motion(near, STANDING, commanded_ned_m_s=(3.5, 0.0, 0.0)))
-    assert not breaks(Motion(near, STANDING, commanded_ned_m_s=(0.0, 3.5, 0.0)))
+    assert not breaks(VehicleMotion(near, STANDING, commanded_ned_m_s=(0.8, 0.0, 0.0)))
+    assert breaks(VehicleMotion(near, STANDING, commanded_ned_m_s=(3.5, 0.0, 0.0)))
+    assert not breaks(VehicleMotion(near, STANDING, commanded_ned_m_s=(0.0, 3.5, 0.0)))
     ahead = list(
         velocities_ahead(
-            Motion(near, STANDING, commanded_ned_m_s=(9.0, 0.0, 0.0)),
+            VehicleMotion(near, STANDING, commanded_ned_m_s=(9.0, 0.0, 0.0)),
             latency_s=0.5,
             braking_m_s2=2.0,
         )
@@ -72,7 +72,7 @@ def test_a_command_counts_as_far_as_it_is_reached_by_then() -> None:
 
 
 def test_a_reading_that_jumps_is_not_taken_for_an_acceleration_beyond_the_braking() -> None:
-    motion = Motion(HERE, STANDING, (500.0, 0.0, 0.0))
+    motion = VehicleMotion(HERE, STANDING, (500.0, 0.0, 0.0))
     *_, then = velocities_ahead(motion, latency_s=0.5, braking_m_s2=2.0)
     assert then == pytest.approx((0.5, 0.0, 0.0))
 
@@ -88,13 +88,13 @@ def test_a_firmware_that_leaves_the_ground_is_not_taken_over() -> None:
     estimate = AccelerationEstimate()
     for i, (height_m, climb_m_s) in enumerate(takeoff):
         velocity = (0.0, 0.0, -climb_m_s)
-        motion = Motion((0.0, 0.0, -height_m), velocity, estimate.update(velocity, 0.05 * i))
+        motion = VehicleMotion((0.0, 0.0, -height_m), velocity, estimate.update(velocity, 0.05 * i))
         assert fence.breached(motion, latency_s=0.7, braking_m_s2=2.5) is None, height_m
 
 
 def test_a_climb_into_the_ceiling_is_stopped_sooner_than_a_steady_one() -> None:
     def breaks_ceiling(climbing_m_s2: float) -> bool:
-        motion = Motion((0.0, 0.0, -3.0), (0.0, 0.0, -1.2), (0.0, 0.0, -climbing_m_s2))
+        motion = VehicleMotion((0.0, 0.0, -3.0), (0.0, 0.0, -1.2), (0.0, 0.0, -climbing_m_s2))
         return breaks(motion)
 
     assert not breaks_ceiling(0.0)
@@ -104,7 +104,7 @@ def test_a_climb_into_the_ceiling_is_stopped_sooner_than_a_steady_one() -> None:
 @pytest.mark.parametrize("east_m", [0.2, 0.4])
 def test_both_parts_of_the_path_count(east_m: float) -> None:
     wall = Fence.box(north_m=(-9, 9), east_m=(-9, east_m), up_m=(0, 4))
-    turning = Motion(HERE, (0.0, 0.0, 0.0), commanded_ned_m_s=(0.0, 1.0, 0.0))
+    turning = VehicleMotion(HERE, (0.0, 0.0, 0.0), commanded_ned_m_s=(0.0, 1.0, 0.0))
     path = stopping_path(turning, (0.0, 1.0, 0.0), latency_s=0.5, braking_m_s2=2.5)
     assert path.braking_from_ned_m[1] == pytest.approx(0.25)
     assert path.end_ned_m[1] == pytest.approx(0.45)
@@ -143,7 +143,7 @@ def test_no_path_is_longer_than_the_longest_one(
     velocity: Vec3, acceleration: Vec3, commanded: Vec3 | None, late: float, brake: float
 ) -> None:
     """What is nearer to a boundary than this is looked at; all else is no breach."""
-    motion = Motion(HERE, velocity, acceleration, commanded)
+    motion = VehicleMotion(HERE, velocity, acceleration, commanded)
     most_m = longest_path_m(motion, latency_s=late, braking_m_s2=brake)
     for then in velocities_ahead(motion, latency_s=late, braking_m_s2=brake):
         path = stopping_path(motion, then, latency_s=late, braking_m_s2=brake)

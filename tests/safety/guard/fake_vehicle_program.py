@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 
 from tests.safety.conftest import STEP_S, FakeVehicle
-from wil_campaign.vehicles.autopilots.autopilot import Mode
+from wil_campaign.vehicles.autopilots.autopilot import FlightMode
 from wil_campaign.vehicles.links.link_strings import parse_link
 from wil_campaign.vehicles.links.udp import UdpLink
 
@@ -33,8 +33,8 @@ async def fly(port: int, system: int, up_m: float, lost_s: float, log: Path) -> 
     async with link:
         with log.open("w") as words:
             while not stop.is_set():
-                if loop.time() - heard_s[0] > lost_s and vehicle.mode is Mode.GUIDED:
-                    vehicle.mode, vehicle.critical = Mode.LAND, True
+                if loop.time() - heard_s[0] > lost_s and vehicle.mode is FlightMode.GUIDED:
+                    vehicle.mode, vehicle.critical = FlightMode.LAND, True
                     words.write(f"{loop.time():.4f} FAILSAFE\n")
                 vehicle.step(loop.time())
                 link.write(vehicle.frames(loop.time()))

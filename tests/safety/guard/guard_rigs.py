@@ -4,32 +4,37 @@ from typing import Any
 
 from wil_campaign.plugins.ardupilot.strategy import ArduCopter
 from wil_campaign.safety.fence.geofence import Fence
-from wil_campaign.safety.guard.core.commands import Operate
+from wil_campaign.safety.guard.core.commands import OperatorAction
 from wil_campaign.safety.guard.core.events import GuardedVehicle, GuardSettings, ToVehicle
 from wil_campaign.safety.guard.core.guard_core import GuardCore
 from wil_campaign.safety.guard.core.operator_command import OperatorCommand
-from wil_campaign.vehicles.autopilots.autopilot import Autopilot, Mode, Target, command_long
+from wil_campaign.vehicles.autopilots.autopilot import (
+    Autopilot,
+    FlightMode,
+    MavlinkTarget,
+    command_long,
+)
 from wil_campaign.vehicles.autopilots.px4 import Px4
-from wil_campaign.vehicles.mavlink.codec import Codec
+from wil_campaign.vehicles.mavlink.codec import MavlinkCodec
 
 FENCE = Fence.box(north_m=(-3, 5), east_m=(-3, 3), up_m=(-1, 6))
-DRIVER = Codec(system_id=245, component_id=190)
-GCS = Codec(system_id=255, component_id=190)
+DRIVER = MavlinkCodec(system_id=245, component_id=190)
+GCS = MavlinkCodec(system_id=255, component_id=190)
 
 
 def setpoint(autopilot: Autopilot | None = None, system: int = 1) -> bytes:
     message = (autopilot or Px4()).velocity_setpoint(
-        Target(system), t_boot_ms=0, velocity_ned_m_s=(1.0, 0.0, 0.0)
+        MavlinkTarget(system), t_boot_ms=0, velocity_ned_m_s=(1.0, 0.0, 0.0)
     )
     return DRIVER.pack(message)
 
 
-def command(number: int, *parameters: float, codec: Codec = DRIVER) -> bytes:
-    return codec.pack(command_long(Target(1), number, *parameters))
+def command(number: int, *parameters: float, codec: MavlinkCodec = DRIVER) -> bytes:
+    return codec.pack(command_long(MavlinkTarget(1), number, *parameters))
 
 
-def mode_command(mode: Mode, codec: Codec = DRIVER) -> bytes:
-    return codec.pack(Px4().set_mode(Target(1), mode))
+def mode_command(mode: FlightMode, codec: MavlinkCodec = DRIVER) -> bytes:
+    return codec.pack(Px4().set_mode(MavlinkTarget(1), mode))
 
 
 def make_pair(
@@ -47,9 +52,12 @@ def make_pair(
     core = GuardCore(
         vehicles={
             "real": GuardedVehicle(
-                autopilot=Px4(), target=Target(1), fence=FENCE, **{"attached": True, **guarded}
+                autopilot=Px4(),
+                target=MavlinkTarget(1),
+                fence=FENCE,
+                **{"attached": True, **guarded},
             ),
-            "twin": GuardedVehicle(autopilot=ArduCopter(), target=Target(2), fence=FENCE),
+            "twin": GuardedVehicle(autopilot=ArduCopter(), target=MavlinkTarget(2), fence=FENCE),
         },
         settings=settings,
     )
@@ -59,7 +67,7 @@ def make_pair(
 
 
 def abort(rig: Any, who: str = "anna") -> None:
-    rig.apply(rig.core.apply(Operate(OperatorCommand("abort", who)), rig.t_s))
+    rig.apply(rig.core.apply(OperatorAction(OperatorCommand("abort", who)), rig.t_s))
 
 
 def to_orchestrator(rig: Any, name: str, data: bytes) -> tuple[bytes, ...]:

@@ -11,19 +11,19 @@ from typing import Any, Self
 
 from wil_campaign.safety.fence.geofence import Fence
 from wil_campaign.safety.guard.core.events import GuardedVehicle, GuardSettings
-from wil_campaign.safety.guard.process.guard_config import GuardConfig, Guarded
+from wil_campaign.safety.guard.process.guard_config import GuardConfig, GuardedVehicleConfig
 from wil_campaign.safety.guard.process.remote_guard import RemoteGuard
 from wil_campaign.safety.model.samples import PoseSample
-from wil_campaign.vehicles.autopilots.autopilot import Target, command_long
+from wil_campaign.vehicles.autopilots.autopilot import MavlinkTarget, command_long
 from wil_campaign.vehicles.autopilots.px4 import Px4
 from wil_campaign.vehicles.links.link_conditions import LinkConditions
-from wil_campaign.vehicles.mavlink.codec import Codec
+from wil_campaign.vehicles.mavlink.codec import MavlinkCodec
 from wil_campaign.worlds.frames import Pose
 
 ROOT = Path(__file__).parents[3]
 SYSTEMS = {"real": 1, "twin": 2}
 FENCE = Fence.box(north_m=(-3, 5), east_m=(-3, 3), up_m=(-1, 6))
-DRIVER = Codec(system_id=245, component_id=190)
+DRIVER = MavlinkCodec(system_id=245, component_id=190)
 PATIENT = GuardSettings(orchestrator_silent_s=5.0)
 """A test on a loaded machine may be silent for longer than an orchestrator may."""
 SILENT_S, LOST_S = 4.0, 8.0
@@ -39,8 +39,8 @@ def guard_config(
         folder=str(folder),
         epoch_s=time.time() - time.monotonic(),
         vehicles={
-            name: Guarded(
-                vehicle=GuardedVehicle(autopilot=Px4(), target=Target(system), fence=FENCE),
+            name: GuardedVehicleConfig(
+                vehicle=GuardedVehicle(autopilot=Px4(), target=MavlinkTarget(system), fence=FENCE),
                 conditions=conditions or LinkConditions(),
             )
             for name, system in SYSTEMS.items()
@@ -106,7 +106,7 @@ class RemoteFlight:
 
     def send(self, name: str, number: int = 512) -> None:
         """Send a command that moves nothing."""
-        self.guard.link(name).write(DRIVER.pack(command_long(Target(SYSTEMS[name]), number)))
+        self.guard.link(name).write(DRIVER.pack(command_long(MavlinkTarget(SYSTEMS[name]), number)))
 
     def place(self, name: str, north_m: float) -> None:
         now_s = asyncio.get_running_loop().time()

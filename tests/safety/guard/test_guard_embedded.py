@@ -12,12 +12,12 @@ import pytest
 
 from wil_campaign.foundation.clocks.virtual_loop import run_virtual
 from wil_campaign.safety.fence.geofence import Fence
-from wil_campaign.safety.guard.core.commands import Alive, BringDown, Operate
+from wil_campaign.safety.guard.core.commands import BringDown, OperatorAction, OrchestratorAlive
 from wil_campaign.safety.guard.core.events import GuardedVehicle
 from wil_campaign.safety.guard.core.operator_command import OperatorCommand
 from wil_campaign.safety.guard.local_guard import GuardLinks, LocalGuard
 from wil_campaign.safety.model.samples import PoseSample
-from wil_campaign.vehicles.autopilots.autopilot import Target
+from wil_campaign.vehicles.autopilots.autopilot import MavlinkTarget
 from wil_campaign.vehicles.autopilots.registry import autopilot_named
 from wil_campaign.vehicles.driver import Driver
 from wil_campaign.vehicles.driver.vehicle_state import EstimateSample
@@ -53,7 +53,7 @@ class Pair:
             links[name] = GuardLinks(near, inner)
             guarded[name] = GuardedVehicle(
                 autopilot=autopilot_named(kind),
-                target=Target(system_id),
+                target=MavlinkTarget(system_id),
                 fence=fence,
                 attached=True,
             )
@@ -105,7 +105,7 @@ class Pair:
 
     async def _beat(self) -> None:
         while True:
-            self.guard.send(Alive())
+            self.guard.send(OrchestratorAlive())
             await asyncio.sleep(0.1)
 
     def standing(self) -> dict[str, bool]:
@@ -124,7 +124,7 @@ async def interrupt(cause: Cause, at_s: float, seed: int) -> None:
         flight = asyncio.create_task(pair.fly(0.4), name="flight")
         await asyncio.wait([flight], timeout=at_s)
         if cause == "abort":
-            pair.guard.send(Operate(OperatorCommand("abort", "anna")))
+            pair.guard.send(OperatorAction(OperatorCommand("abort", "anna")))
         elif cause == "bring_down":
             pair.guard.send(BringDown("the test says so"))
         elif cause == "killed":

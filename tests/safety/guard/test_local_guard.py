@@ -10,21 +10,27 @@ import pytest
 
 from wil_campaign.foundation.clocks.virtual_loop import run_virtual
 from wil_campaign.safety.fence.geofence import Fence
-from wil_campaign.safety.guard.core.commands import Alive, AnchorAt, BringDown, Operate, StartOutage
-from wil_campaign.safety.guard.core.contingency import Phase
+from wil_campaign.safety.guard.core.commands import (
+    AnchorAt,
+    BringDown,
+    OperatorAction,
+    OrchestratorAlive,
+    StartOutage,
+)
+from wil_campaign.safety.guard.core.contingency import ContingencyPhase
 from wil_campaign.safety.guard.core.events import GuardedVehicle, GuardEvent
 from wil_campaign.safety.guard.core.operator_command import OperatorCommand
 from wil_campaign.safety.guard.local_guard import GuardLinks, LocalGuard
 from wil_campaign.safety.model.samples import PoseSample
-from wil_campaign.vehicles.autopilots.autopilot import Mode, Target
+from wil_campaign.vehicles.autopilots.autopilot import FlightMode, MavlinkTarget
 from wil_campaign.vehicles.autopilots.px4 import Px4
 from wil_campaign.vehicles.links.memory import memory_pair
-from wil_campaign.vehicles.mavlink.codec import Codec
+from wil_campaign.vehicles.mavlink.codec import MavlinkCodec
 from wil_campaign.worlds.frames import Pose
 
 LATENCY_S = 0.003
 FENCE = Fence.box(north_m=(-3, 5), east_m=(-3, 3), up_m=(-1, 6))
-DRIVER = Codec(system_id=245, component_id=190)
+DRIVER = MavlinkCodec(system_id=245, component_id=190)
 NAMES = {"real": 1, "twin": 2}
 
 
@@ -54,7 +60,7 @@ class Flight:
         self.guard = LocalGuard(
             vehicles={
                 name: GuardedVehicle(
-                    autopilot=Px4(), target=Target(system), fence=FENCE, gcs=name == "real"
+                    autopilot=Px4(), target=MavlinkTarget(system), fence=FENCE, gcs=name == "real"
                 )
                 for name, system in NAMES.items()
             },
@@ -93,7 +99,7 @@ class Flight:
 
     def setpoint(self, name: str) -> None:
         message = Px4().velocity_setpoint(
-            Target(NAMES[name]), t_boot_ms=0, velocity_ned_m_s=(1.0, 0.0, 0.0)
+            MavlinkTarget(NAMES[name]), t_boot_ms=0, velocity_ned_m_s=(1.0, 0.0, 0.0)
         )
         self.drivers[name].write(DRIVER.pack(message))
 
@@ -130,7 +136,7 @@ def test_bring_down_lands_both_and_says_when(fake_vehicle: Any) -> None:
             assert await flight.guard.all_down(30.0)
             assert asyncio.get_running_loop().time() < 15.0
             assert not any(vehicle.armed for vehicle in flight.vehicles.values())
-            assert set(flight.guard.phases.values()) == {Phase.DOWN}
+            assert set(flight.guard.phases.values()) == {ContingencyPhase.DOWN}
             assert flight.kinds() == ["bring_down"]
             assert flight.guard.events == flight.told
 
@@ -141,7 +147,7 @@ def test_all_down_is_false_when_a_vehicle_does_not_come_down(fake_vehicle: Any) 
     async def main() -> None:
         async with Flight(fake_vehicle) as flight:
             flight.vehicles["real"].deaf = True
-            flight.guard.send(Operate(OperatorCommand("abort", "Ctrl-C")))
+            flight.guard.send(OperatorAction(OperatorCommand("abort", "Ctrl-C")))
             assert not await flight.guard.all_down(20.0)
             flight.vehicles["real"].deaf = False
             assert await flight.guard.all_down(20.0)
@@ -155,7 +161,7 @@ def test_an_abort_is_at_the_vehicle_after_the_link_s_latency_alone(fake_vehicle:
             flight.setpoint("real")
             await asyncio.sleep(0.01)
             now_s = asyncio.get_running_loop().time()
-            flight.guard.send(Operate(OperatorCommand("abort", "anna")))
+            flight.guard.send(OperatorAction(OperatorCommand("abort", "anna")))
             await asyncio.sleep(0.01)
             t_s, word = flight.vehicles["real"].heard[1]
             assert word == "ZERO"
@@ -170,10 +176,10 @@ def test_an_abort_is_at_the_vehicle_after_the_link_s_latency_alone(fake_vehicle:
 def test_hold_and_resume_through_the_local_guard(fake_vehicle: Any) -> None:
     async def main() -> None:
         async with Flight(fake_vehicle) as flight:
-            flight.guard.send(Operate(OperatorCommand("hold", "anna")))
+            flight.guard.send(OperatorAction(OperatorCommand("hold", "anna")))
             await asyncio.sleep(3.0)
-            assert {vehicle.mode for vehicle in flight.vehicles.values()} == {Mode.HOLD}
-            flight.guard.send(Operate(OperatorCommand("resume", "anna")))
+            assert {vehicle.mode for vehicle in flight.vehicles.values()} == {FlightMode.HOLD}
+            flight.guard.send(OperatorAction(OperatorCommand("resume", "anna")))
             flight.setpoint("real")
             await asyncio.sleep(0.1)
             assert flight.vehicles["real"].words()[-1] == "SET_POSITION_TARGET_LOCAL_NED"
@@ -188,7 +194,7 @@ def test_silence_of_an_orchestrator_task_that_was_killed(fake_vehicle: Any) -> N
 
             async def beat() -> None:
                 while True:
-                    flight.guard.send(Alive())
+                    flight.guard.send(OrchestratorAlive())
                     await asyncio.sleep(0.1)
 
             task = asyncio.create_task(beat(), name="heartbeat")
@@ -265,7 +271,7 @@ def test_a_log_that_cannot_be_written_does_not_stop_the_flight(fake_vehicle: Any
             flight.setpoint("real")
             await asyncio.sleep(1.0)
             assert flight.vehicles["real"].words() == ["SET_POSITION_TARGET_LOCAL_NED"]
-            flight.guard.send(Operate(OperatorCommand("abort", "anna")))
+            flight.guard.send(OperatorAction(OperatorCommand("abort", "anna")))
             assert await flight.guard.all_down(30.0)
             assert flight.kinds() == ["record", "record", "abort"]
             assert {one.vehicle for one in flight.told if one.kind == "record"} == {"real", "twin"}
@@ -298,7 +304,7 @@ def test_frames_leave_before_events_are_reported(fake_vehicle: Any) -> None:
             seen: list[int] = []
             before = len(flight.log)
             flight.guard.on_event(lambda _: seen.append(len(flight.log) - before))
-            flight.guard.send(Operate(OperatorCommand("abort", "anna")))
+            flight.guard.send(OperatorAction(OperatorCommand("abort", "anna")))
             assert seen
             assert min(seen) >= 4
 
@@ -336,7 +342,7 @@ def test_telemetry_is_passed_on_before_it_is_judged(
 def test_ticks_keep_their_raster(fake_vehicle: Any) -> None:
     async def main() -> None:
         async with Flight(fake_vehicle) as flight:
-            flight.guard.send(Operate(OperatorCommand("abort", "anna")))
+            flight.guard.send(OperatorAction(OperatorCommand("abort", "anna")))
             for vehicle in flight.vehicles.values():
                 vehicle.deaf = True
             await asyncio.sleep(1.0)

@@ -6,7 +6,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from wil_campaign.safety.model.oracle_results import OracleResult
-from wil_campaign.safety.model.verdict import NEVER_BEGAN, DecisiveEvent, DecisiveKind, decide
+from wil_campaign.safety.model.verdict import (
+    NEVER_BEGAN,
+    DecisiveEvent,
+    DecisiveKind,
+    decide_verdict,
+)
 
 KINDS: tuple[DecisiveKind, ...] = ("ERROR", "INVALID", "FAIL", "ABORTED")
 
@@ -29,16 +34,16 @@ def result(
 
 
 def test_all_passed_is_pass() -> None:
-    decision = decide([], [result("a", passed=True)], end_s=9)
+    decision = decide_verdict([], [result("a", passed=True)], end_s=9)
     assert (decision.verdict, decision.reason, decision.also) == ("PASS", "", ())
 
 
 @pytest.mark.parametrize(("first", "second"), list(itertools.combinations(KINDS, 2)))
 def test_order_at_one_instant_and_in_time(first: DecisiveKind, second: DecisiveKind) -> None:
     early, late = DecisiveEvent(3.0, second, "early"), DecisiveEvent(3.0, first, "late")
-    assert decide([early, late], [], end_s=9).verdict == first
+    assert decide_verdict([early, late], [], end_s=9).verdict == first
     late = DecisiveEvent(3.1, first, "late")
-    decision = decide([late, early], [], end_s=9)
+    decision = decide_verdict([late, early], [], end_s=9)
     assert (decision.verdict, decision.reason) == (second, "early")
     assert decision.also == (late,)
 
@@ -49,7 +54,7 @@ def test_a_required_oracle_fails_the_run_at_its_moment() -> None:
         result("reported", passed=False, required=False, at_s=1.0),
         result("first", passed=False, at_s=4.0, detail="touched gate.left"),
     ]
-    decision = decide([DecisiveEvent(6.0, "ABORTED", "by hand")], results, end_s=9)
+    decision = decide_verdict([DecisiveEvent(6.0, "ABORTED", "by hand")], results, end_s=9)
     assert decision.verdict == "FAIL"
     assert decision.reason == "first of real failed: touched gate.left"
     assert decision.at_s == 4.0
@@ -61,21 +66,21 @@ def test_a_required_oracle_fails_the_run_at_its_moment() -> None:
 
 def test_a_fault_that_never_began_hides_no_failure() -> None:
     never = DecisiveEvent(9.0, "INVALID", "an injected fault never began", NEVER_BEGAN)
-    assert decide([never], [result("a", passed=True)], end_s=9).verdict == "INVALID"
-    assert decide([never], [result("a", passed=False)], end_s=9).verdict == "FAIL"
+    assert decide_verdict([never], [result("a", passed=True)], end_s=9).verdict == "INVALID"
+    assert decide_verdict([never], [result("a", passed=False)], end_s=9).verdict == "FAIL"
 
 
 def test_a_flag_is_not_reported_twice() -> None:
     flag = DecisiveEvent(2.0, "FAIL", "real touched gate.left", "collision/real")
-    decision = decide([flag], [result("collision", passed=False, at_s=3.0)], end_s=9)
+    decision = decide_verdict([flag], [result("collision", passed=False, at_s=3.0)], end_s=9)
     assert (decision.reason, decision.also) == ("real touched gate.left", ())
 
 
 def test_a_flight_that_was_not_completed_never_passes() -> None:
-    decision = decide([], [result("a", passed=True)], end_s=9, completed=False)
+    decision = decide_verdict([], [result("a", passed=True)], end_s=9, completed=False)
     assert (decision.verdict, decision.reason) == ("ERROR", "the flight was not completed")
     abort = DecisiveEvent(2.0, "ABORTED", "by hand")
-    assert decide([abort], [], end_s=9, completed=False).verdict == "ABORTED"
+    assert decide_verdict([abort], [], end_s=9, completed=False).verdict == "ABORTED"
 
 
 events = st.builds(
@@ -92,7 +97,7 @@ def test_the_order_in_which_events_are_reported_does_not_matter(
 ) -> None:
     shuffled = list(told)
     getattr(shuffler, "shuffle")(shuffled)  # noqa: B009 - hypothesis's random is untyped
-    one, other = decide(told, [], end_s=9), decide(shuffled, [], end_s=9)
+    one, other = decide_verdict(told, [], end_s=9), decide_verdict(shuffled, [], end_s=9)
     assert one.verdict == other.verdict
     assert one.verdict != "PASS"
     assert len(one.also) == len(told) - 1
@@ -105,13 +110,13 @@ def test_a_missed_goal_comes_before_the_time_out_that_it_led_to() -> None:
     missed = OracleResult(
         "reached", "real", True, "FAIL", None, 0.5, "m", None, None, "never flew through second"
     )
-    found = decide([timeout], [missed], end_s=50.0, timeouts={"time_limit/real"})
+    found = decide_verdict([timeout], [missed], end_s=50.0, timeouts={"time_limit/real"})
     assert found.source == "reached/real"
     assert "never flew through second" in found.reason
     assert [event.source for event in found.also] == ["time_limit/real"]
     assert found.at_s == timeout.t_s, "the time was up before the end"
     touched = DecisiveEvent(30.0, "FAIL", "real touched gate.left", "collision/real")
-    first = decide([touched, timeout], [missed], end_s=50.0, timeouts={"time_limit/real"})
+    first = decide_verdict([touched, timeout], [missed], end_s=50.0, timeouts={"time_limit/real"})
     assert first.source == "collision/real"
 
 
@@ -124,7 +129,7 @@ def test_signals_of_a_vehicle_that_is_being_lost_are_part_of_its_loss(
 ) -> None:
     lost = DecisiveEvent(19.0, "ERROR", "nothing received from real for 3 s", "guard.lost/real")
     silent = DecisiveEvent(silent_s, "INVALID", "no sample", f"evidence/pose/{vehicle}")
-    decision = decide([silent, lost], [], end_s=60.0)
+    decision = decide_verdict([silent, lost], [], end_s=60.0)
     assert decision.verdict == verdict
     assert len(decision.also) == 1
 
@@ -132,13 +137,13 @@ def test_signals_of_a_vehicle_that_is_being_lost_are_part_of_its_loss(
 def test_a_reason_says_the_worst_value_and_not_only_the_first() -> None:
     near = DecisiveEvent(2.0, "FAIL", "real came within 0.5998 m of box", "clearance/real")
     worst = {"clearance/real": "at worst 0.213 m", "speed/real": ""}
-    decision = decide([near], (), end_s=9.0, worst=worst)
+    decision = decide_verdict([near], (), end_s=9.0, worst=worst)
     assert decision.reason == "real came within 0.5998 m of box; at worst 0.213 m"
     doubt = DecisiveEvent(2.0, "INVALID", "no pose", "clearance/real")
-    assert decide([doubt], (), end_s=9.0, worst=worst).reason == "no pose"
+    assert decide_verdict([doubt], (), end_s=9.0, worst=worst).reason == "no pose"
 
 
 def test_a_value_beside_its_limit_has_the_digits_that_tell_them_apart() -> None:
     result = OracleResult("distance", "real", True, "FAIL", 0.5999, 0.6, "m", -0.0001, 3.0)
-    decision = decide((), [result], end_s=9.0)
+    decision = decide_verdict((), [result], end_s=9.0)
     assert decision.reason == "distance of real failed: 0.5999 m against 0.6 m"

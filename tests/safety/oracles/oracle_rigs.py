@@ -11,10 +11,10 @@ from wil_campaign.safety.model.samples import PoseSample, Stage, StageSample, St
 from wil_campaign.safety.oracles.gates import gates_of
 from wil_campaign.safety.oracles.oracle import Oracle, OracleContext
 from wil_campaign.safety.oracles.registry import oracle_kinds
-from wil_campaign.vehicles.autopilots.autopilot import Mode
+from wil_campaign.vehicles.autopilots.autopilot import FlightMode
 from wil_campaign.worlds.frames import Pose, Vec3
 from wil_campaign.worlds.scene.scene import Scene, SceneObject
-from wil_campaign.worlds.scene.shapes import gate
+from wil_campaign.worlds.scene.shapes import gate_shape
 
 FENCE = Fence.box(north_m=(-1, 4), east_m=(-2, 2), up_m=(-0.5, 2.5))
 
@@ -73,7 +73,7 @@ def pose(t_s: float, at: Vec3 = (0, 0, -1), velocity: Vec3 = (0, 0, 0)) -> PoseS
 def state(
     t_s: float, *, armed: bool = True, landed: bool | None = False, fault: str | None = None
 ) -> StateSample:
-    return StateSample(t_s, "real", armed, Mode.GUIDED, "OFFBOARD", landed, fault)
+    return StateSample(t_s, "real", armed, FlightMode.GUIDED, "OFFBOARD", landed, fault)
 
 
 def stage(oracle: Oracle, **times: float) -> list[Flag]:
@@ -108,8 +108,8 @@ def contact(script: dict[float, list[tuple[str, str, float]]]) -> tuple[Oracle, 
 
 SCENE = Scene(
     (
-        SceneObject(1, "gate", gate("square", 1.0, 0.1), Pose.of(3, 0, 1)),
-        SceneObject(2, "ring", gate("ring", 1.0, 0.1), Pose.of(6, 0, 1, yaw_rad=math.pi)),
+        SceneObject(1, "gate", gate_shape("square", 1.0, 0.1), Pose.of(3, 0, 1)),
+        SceneObject(2, "ring", gate_shape("ring", 1.0, 0.1), Pose.of(6, 0, 1, yaw_rad=math.pi)),
     )
 )
 

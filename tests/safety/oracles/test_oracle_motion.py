@@ -24,9 +24,9 @@ from wil_campaign.safety.model.samples import (
 )
 from wil_campaign.safety.oracles.gates import gates_of
 from wil_campaign.safety.oracles.oracle import MotionName, Oracle, OracleContext
-from wil_campaign.safety.oracles.oracle_terms import FLIGHT, Stages
+from wil_campaign.safety.oracles.oracle_terms import FLIGHT, StageTracker
 from wil_campaign.safety.oracles.registry import oracle_kinds
-from wil_campaign.vehicles.autopilots.autopilot import Mode
+from wil_campaign.vehicles.autopilots.autopilot import FlightMode
 from wil_campaign.worlds.frames import Pose, Vec3, norm, quat_from_euler, scale, subtract
 
 Angles = tuple[float, float, float]
@@ -98,7 +98,7 @@ def samples(velocity: Vec3, angles: Angles) -> Iterator[Sample]:
         for vehicle in ("real", "twin"):
             yield LinkSample(t_s, vehicle)
             yield StateSample(
-                t_s, vehicle, True, Mode.GUIDED, "OFFBOARD", k >= 88, None, 0.8, 11.0, None
+                t_s, vehicle, True, FlightMode.GUIDED, "OFFBOARD", k >= 88, None, 0.8, 11.0, None
             )
 
 
@@ -129,7 +129,7 @@ def flown(judge: Oracle, velocity: Vec3, angles: Angles) -> tuple[OracleResult, 
 
 def formulas() -> Iterator[str]:
     """One STL formula of each signal, so that its least value is the margin."""
-    for name, signal in signals_of(CONTEXT, Stages(FLIGHT)).items():
+    for name, signal in signals_of(CONTEXT, StageTracker(FLIGHT)).items():
         yield f"always ({name}{' >= -400' if signal.kind.unit else ''})"
 
 

@@ -16,12 +16,12 @@ from tests.safety.oracles.oracle_rigs import (
 )
 from wil_campaign.safety.model.oracle_results import Flag
 from wil_campaign.safety.model.samples import PoseSample
-from wil_campaign.safety.oracles.contact import CLEAR_AGAIN_M, margin_beyond
+from wil_campaign.safety.oracles.contact import CLEAR_AGAIN_M, exceeded_margin_m
 from wil_campaign.safety.oracles.oracle import Oracle, OracleContext
 from wil_campaign.worlds.clearance.clearance import BoxShape, Clearance, ClearanceProbe
 from wil_campaign.worlds.frames import Pose
 from wil_campaign.worlds.scene.scene import Scene, SceneObject
-from wil_campaign.worlds.scene.shapes import gate, room
+from wil_campaign.worlds.scene.shapes import gate_shape, room_shape
 
 
 def test_contact_is_flagged_once_per_episode_and_named() -> None:
@@ -125,8 +125,8 @@ def test_an_empty_world_is_passed_and_reported_as_empty() -> None:
 
 def probed(inner_size_m: float) -> Oracle:
     things = (
-        SceneObject(1, "cage", room(6, 6, 2.5), Pose.of(1.5, 0, 0)),
-        SceneObject(2, "gate", gate("square", inner_size_m, 0.1), Pose.of(3, 0, 1.2)),
+        SceneObject(1, "cage", room_shape(6, 6, 2.5), Pose.of(1.5, 0, 0)),
+        SceneObject(2, "gate", gate_shape("square", inner_size_m, 0.1), Pose.of(3, 0, 1.2)),
     )
     probe = ClearanceProbe(Scene(things), BoxShape((0.15, 0.15, 0.05)))
     context = OracleContext(mode="wil", subject="real", vehicle="real", probe=probe)
@@ -220,10 +220,10 @@ def test_the_margin_exceeds_the_sight_of_the_oracle_when_nothing_came_near(
         stage(judge, takeoff=1.0, at_height=1.5)
         judge.on_pose(pose(2.0))
         found.append(judge.result(3.0))
-    assert margin_beyond(found[0]) == pytest.approx(beyond_m)
-    assert margin_beyond(found[1]) is None
-    assert margin_beyond(replace(found[0], verdict="INVALID")) is None
-    assert margin_beyond(replace(found[0], limit=None)) is None
+    assert exceeded_margin_m(found[0]) == pytest.approx(beyond_m)
+    assert exceeded_margin_m(found[1]) is None
+    assert exceeded_margin_m(replace(found[0], verdict="INVALID")) is None
+    assert exceeded_margin_m(replace(found[0], limit=None)) is None
 
 
 # The ground in the open
@@ -283,7 +283,7 @@ def test_a_clearance_is_to_objects_and_not_to_the_ground_in_the_open() -> None:
 
 
 def test_a_floor_is_touched_in_place_of_the_ground_beneath_it() -> None:
-    cage = Scene((SceneObject(1, "cage", room(6, 6, 2.5), Pose.of(0, 0, 0)),))
+    cage = Scene((SceneObject(1, "cage", room_shape(6, 6, 2.5), Pose.of(0, 0, 0)),))
     probe = ClearanceProbe(cage, BoxShape((0.15, 0.15, 0.05))).above(0.01)
 
     def floors(north_m: float, up_m: float) -> list[tuple[str, float]]:

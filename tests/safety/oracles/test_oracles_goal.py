@@ -6,9 +6,9 @@ from tests.safety.oracles.oracle_rigs import SCENE, build, fly, numbers, reached
 from wil_campaign.safety.oracles.gates import SceneGate, gates_of
 from wil_campaign.safety.oracles.oracle import Oracle, OracleContext, OracleError
 from wil_campaign.worlds.frames import Pose, Vec3
-from wil_campaign.worlds.scene.motion import Motion, StartOn, Waypoint
+from wil_campaign.worlds.scene.motion import ObjectMotion, StartOnEvent, Waypoint
 from wil_campaign.worlds.scene.scene import SceneObject
-from wil_campaign.worlds.scene.shapes import gate
+from wil_campaign.worlds.scene.shapes import gate_shape
 
 
 def test_through_a_gate_reports_offset_and_time() -> None:
@@ -110,8 +110,8 @@ def test_a_pose_in_the_plane_is_crossed_once(north_m: float) -> None:
 
 def test_a_moving_gate_is_where_it_is_at_the_time() -> None:
     begin = Pose.of(3, 0, 1)
-    motion = Motion(begin, (Waypoint((3, 5, -1), 1.0),), StartOn("goal"))
-    thing = SceneObject(1, "gate", gate("square", 1.0, 0.1), begin, motion)
+    motion = ObjectMotion(begin, (Waypoint((3, 5, -1), 1.0),), StartOnEvent("goal"))
+    thing = SceneObject(1, "gate", gate_shape("square", 1.0, 0.1), begin, motion)
     gates = {"gate": SceneGate(thing, thing.shape.openings[0])}
     events = {"goal": 2.0}
     context = OracleContext(

@@ -8,7 +8,7 @@ import pytest
 from tests.safety.oracles.oracle_rigs import ScriptedProbe, build, fly, pose, stage
 from wil_campaign.safety.model.samples import PoseSample, StageSample, StateSample
 from wil_campaign.safety.oracles.oracle import Oracle, OracleContext, OracleError
-from wil_campaign.vehicles.autopilots.autopilot import Mode
+from wil_campaign.vehicles.autopilots.autopilot import FlightMode
 from wil_campaign.worlds.frames import Pose, quat_from_euler
 
 NORTH_1 = (1.0, 0.0, -1.0)
@@ -26,7 +26,7 @@ def leaning(t_s: float, roll_deg: float = 0.0, pitch_deg: float = 0.0) -> PoseSa
 def state_of(
     t_s: float,
     *,
-    mode: Mode = Mode.GUIDED,
+    mode: FlightMode = FlightMode.GUIDED,
     percent: float | None = None,
     volts: float | None = None,
     estimator: str | None = None,
@@ -223,16 +223,24 @@ def test_a_charge_that_is_unknown_after_it_was_known_passes_nothing() -> None:
 
 def test_modes_that_are_not_allowed_are_flagged_each_time() -> None:
     judge = build("modes")
-    judge.on_state(state_of(0.0, mode=Mode.HOLD))
+    judge.on_state(state_of(0.0, mode=FlightMode.HOLD))
     stage(judge, takeoff=0.5, goal=1.0)
     texts = [
         flag.text
-        for t_s, mode in enumerate((Mode.GUIDED, Mode.HOLD, Mode.HOLD, Mode.GUIDED, Mode.PILOT))
+        for t_s, mode in enumerate(
+            (
+                FlightMode.GUIDED,
+                FlightMode.HOLD,
+                FlightMode.HOLD,
+                FlightMode.GUIDED,
+                FlightMode.PILOT,
+            )
+        )
         for flag in judge.on_state(state_of(2.0 + t_s, mode=mode))
     ]
     assert texts == ["real was in HOLD (hold)", "real was in PILOT (pilot)"]
     stage(judge, land=8.0)
-    assert judge.on_state(state_of(9.0, mode=Mode.LAND)) == ()
+    assert judge.on_state(state_of(9.0, mode=FlightMode.LAND)) == ()
     result = judge.result(9.0)
     assert (result.verdict, result.actual, result.at_s) == ("FAIL", 3.0, 3.0)
 
@@ -240,17 +248,17 @@ def test_modes_that_are_not_allowed_are_flagged_each_time() -> None:
 def test_modes_may_change_so_often() -> None:
     judge = build("modes", allowed=("guided", "hold"), max_changes=1)
     stage(judge, goal=1.0)
-    for t_s, mode in ((2.0, Mode.GUIDED), (3.0, Mode.HOLD)):
+    for t_s, mode in ((2.0, FlightMode.GUIDED), (3.0, FlightMode.HOLD)):
         assert judge.on_state(state_of(t_s, mode=mode)) == ()
     assert judge.result(4.0).margin == 0.0
-    assert judge.on_state(state_of(4.0, mode=Mode.GUIDED))
+    assert judge.on_state(state_of(4.0, mode=FlightMode.GUIDED))
     assert (judge.result(5.0).verdict, judge.result(5.0).margin) == ("FAIL", -1.0)
 
 
 def test_a_mode_that_is_not_allowed_has_no_margin_to_the_most_changes() -> None:
     judge = build("modes", allowed=("guided", "hold"), max_changes=2)
     stage(judge, goal=1.0)
-    for t_s, mode in ((2.0, Mode.GUIDED), (3.0, Mode.LAND)):
+    for t_s, mode in ((2.0, FlightMode.GUIDED), (3.0, FlightMode.LAND)):
         judge.on_state(state_of(t_s, mode=mode))
     result = judge.result(4.0)
     assert (result.verdict, result.actual, result.limit, result.margin) == ("FAIL", 1.0, None, None)

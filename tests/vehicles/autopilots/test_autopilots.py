@@ -13,18 +13,18 @@ from tests.vehicles.px4_modes import px4_custom_mode
 from wil_campaign.plugins.ardupilot.strategy import ArduCopter
 from wil_campaign.vehicles.autopilots.autopilot import (
     Autopilot,
+    FlightMode,
+    MavlinkTarget,
     MessageRate,
-    Mode,
-    Target,
     TelemetryRates,
 )
 from wil_campaign.vehicles.autopilots.px4 import Px4
 from wil_campaign.vehicles.autopilots.readiness import Readiness
 from wil_campaign.vehicles.autopilots.registry import autopilot_named, autopilot_of
 from wil_campaign.vehicles.errors import VehicleError
-from wil_campaign.vehicles.mavlink.codec import Codec
+from wil_campaign.vehicles.mavlink.codec import MavlinkCodec
 
-TARGET = Target(3, 1)
+TARGET = MavlinkTarget(3, 1)
 BOTH = [Px4(), ArduCopter()]
 
 
@@ -35,33 +35,35 @@ def _parameters(message: Any) -> list[float]:
 @pytest.mark.parametrize(
     ("autopilot", "custom_mode", "name", "mode"),
     [
-        (Px4(), 50593792, "HOLD", Mode.HOLD),
-        (Px4(), 33816576, "TAKEOFF", Mode.TAKEOFF),
-        (Px4(), 393216, "OFFBOARD", Mode.GUIDED),
-        (Px4(), 84148224, "RTL", Mode.RTL),
-        (Px4(), 100925440, "LAND", Mode.LAND),
-        (Px4(), px4_custom_mode(3), "POSCTL", Mode.PILOT),
-        (Px4(), px4_custom_mode(3, 1), "ORBIT", Mode.OTHER),
-        (Px4(), px4_custom_mode(77, 5), "mode 77/5", Mode.OTHER),
-        (Px4(), px4_custom_mode(4, 15), "AUTO 15", Mode.OTHER),
-        (ArduCopter(), 0, "STABILIZE", Mode.PILOT),
-        (ArduCopter(), 4, "GUIDED", Mode.GUIDED),
-        (ArduCopter(), 6, "RTL", Mode.RTL),
-        (ArduCopter(), 9, "LAND", Mode.LAND),
-        (ArduCopter(), 17, "BRAKE", Mode.HOLD),
-        (ArduCopter(), 99, "mode 99", Mode.OTHER),
+        (Px4(), 50593792, "HOLD", FlightMode.HOLD),
+        (Px4(), 33816576, "TAKEOFF", FlightMode.TAKEOFF),
+        (Px4(), 393216, "OFFBOARD", FlightMode.GUIDED),
+        (Px4(), 84148224, "RTL", FlightMode.RTL),
+        (Px4(), 100925440, "LAND", FlightMode.LAND),
+        (Px4(), px4_custom_mode(3), "POSCTL", FlightMode.PILOT),
+        (Px4(), px4_custom_mode(3, 1), "ORBIT", FlightMode.OTHER),
+        (Px4(), px4_custom_mode(77, 5), "mode 77/5", FlightMode.OTHER),
+        (Px4(), px4_custom_mode(4, 15), "AUTO 15", FlightMode.OTHER),
+        (ArduCopter(), 0, "STABILIZE", FlightMode.PILOT),
+        (ArduCopter(), 4, "GUIDED", FlightMode.GUIDED),
+        (ArduCopter(), 6, "RTL", FlightMode.RTL),
+        (ArduCopter(), 9, "LAND", FlightMode.LAND),
+        (ArduCopter(), 17, "BRAKE", FlightMode.HOLD),
+        (ArduCopter(), 99, "mode 99", FlightMode.OTHER),
     ],
 )
 def test_modes_are_named_and_understood(
-    autopilot: Autopilot, custom_mode: int, name: str, mode: Mode
+    autopilot: Autopilot, custom_mode: int, name: str, mode: FlightMode
 ) -> None:
     assert autopilot.mode_name(custom_mode) == name
     assert autopilot.mode_of(custom_mode) is mode
 
 
 @pytest.mark.parametrize("autopilot", BOTH)
-@pytest.mark.parametrize("mode", [Mode.HOLD, Mode.GUIDED, Mode.LAND, Mode.RTL])
-def test_a_requested_mode_reads_back_as_itself(autopilot: Autopilot, mode: Mode) -> None:
+@pytest.mark.parametrize(
+    "mode", [FlightMode.HOLD, FlightMode.GUIDED, FlightMode.LAND, FlightMode.RTL]
+)
+def test_a_requested_mode_reads_back_as_itself(autopilot: Autopilot, mode: FlightMode) -> None:
     message = autopilot.set_mode(TARGET, mode)
     assert (message.target_system, message.command) == (3, 176)
     enabled, main, sub = _parameters(message)[:3]
@@ -73,7 +75,7 @@ def test_a_requested_mode_reads_back_as_itself(autopilot: Autopilot, mode: Mode)
 @pytest.mark.parametrize("autopilot", BOTH)
 def test_other_modes_are_not_asked_for(autopilot: Autopilot) -> None:
     with pytest.raises(ValueError, match="not a mode to set"):
-        autopilot.set_mode(TARGET, Mode.PILOT)
+        autopilot.set_mode(TARGET, FlightMode.PILOT)
 
 
 def test_takeoff_heights() -> None:
@@ -97,7 +99,7 @@ def test_common_commands(autopilot: Autopilot) -> None:
     assert (interval.command, *_parameters(interval)[:2]) == (511, 32.0, 20000.0)
     assert autopilot.request_interval(TARGET, MessageRate(32, 0.0)).param2 == -1.0
     assert autopilot.request_message(TARGET, 148).command == 512
-    Codec(system_id=1, component_id=1).pack(terminate)
+    MavlinkCodec(system_id=1, component_id=1).pack(terminate)
 
 
 @pytest.mark.parametrize("autopilot", BOTH)

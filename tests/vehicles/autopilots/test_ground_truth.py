@@ -10,7 +10,7 @@ from wil_campaign.plugins.ardupilot.strategy import ArduCopter
 from wil_campaign.vehicles.autopilots.autopilot import Autopilot, TelemetryRates
 from wil_campaign.vehicles.autopilots.ground_truth import GroundTruthError
 from wil_campaign.vehicles.autopilots.px4 import Px4
-from wil_campaign.vehicles.mavlink.codec import Codec
+from wil_campaign.vehicles.mavlink.codec import MavlinkCodec
 from wil_campaign.worlds.frames import euler_from_quat
 
 HALF = math.sqrt(0.5)
@@ -72,7 +72,10 @@ def sim_state(**changes: Any) -> Any:
 
 def _over_the_wire(message: Any) -> Any:
     """Return a message as it arrives: trailing zeros cut, floats of 32 bits."""
-    sender, receiver = Codec(system_id=1, component_id=1), Codec(system_id=2, component_id=1)
+    sender, receiver = (
+        MavlinkCodec(system_id=1, component_id=1),
+        MavlinkCodec(system_id=2, component_id=1),
+    )
     (arrived,) = receiver.parse(sender.pack(message))
     return arrived
 

@@ -15,9 +15,13 @@ from wil_campaign.vehicles.cameras.camera_effects import (
     CameraEffects,
     CameraQuality,
     blur_image,
-    streak_px,
+    motion_streak_px,
 )
-from wil_campaign.vehicles.cameras.rendered_cameras import OnDemandCamera, RenderedCamera, next_tick
+from wil_campaign.vehicles.cameras.rendered_cameras import (
+    OnDemandCamera,
+    RenderedCamera,
+    next_camera_tick,
+)
 from wil_campaign.vehicles.embedded.profile import load_profile
 from wil_campaign.vehicles.poses.pose_history import PoseHistory
 from wil_campaign.vehicles.readings import BgrImage, CameraReading, DepthImage, IdImage
@@ -228,7 +232,13 @@ def test_an_asked_camera_answers_from_the_pose_it_is_given() -> None:
 
 
 def test_the_next_tick_follows_the_rate() -> None:
-    assert [next_tick(t_s, 10.0) for t_s in (0.0, 0.05, 0.1, 0.1000000001, 0.11)] == [0, 1, 1, 1, 2]
+    assert [next_camera_tick(t_s, 10.0) for t_s in (0.0, 0.05, 0.1, 0.1000000001, 0.11)] == [
+        0,
+        1,
+        1,
+        1,
+        2,
+    ]
 
 
 def test_a_profile_gives_the_camera_its_faults() -> None:
@@ -309,13 +319,13 @@ def test_the_streak_is_how_far_the_picture_moves() -> None:
     start = Pose((0.0, 0.0, 0.0))
     focal = CAMERA.fx_px
     right = Pose((0.0, 0.03, 0.0))
-    assert streak_px(start, right, CAMERA) == pytest.approx((-focal * 0.01, 0.0))
+    assert motion_streak_px(start, right, CAMERA) == pytest.approx((-focal * 0.01, 0.0))
     turned = Pose((0.0, 0.0, 0.0), quat_from_euler(0.0, 0.0, 0.02))
-    assert streak_px(start, turned, CAMERA) == pytest.approx((-focal * math.tan(0.02), 0.0))
+    assert motion_streak_px(start, turned, CAMERA) == pytest.approx((-focal * math.tan(0.02), 0.0))
     nose_up = Pose((0.0, 0.0, 0.0), quat_from_euler(0.0, 0.02, 0.0))
-    assert streak_px(start, nose_up, CAMERA) == pytest.approx((0.0, focal * math.tan(0.02)))
+    assert motion_streak_px(start, nose_up, CAMERA) == pytest.approx((0.0, focal * math.tan(0.02)))
     behind = Pose((0.0, 0.0, 0.0), quat_from_euler(0.0, 0.0, math.pi))
-    assert streak_px(start, behind, CAMERA) == NO_STREAK
+    assert motion_streak_px(start, behind, CAMERA) == NO_STREAK
 
 
 def test_a_turning_camera_blurs_and_a_still_one_does_not() -> None:

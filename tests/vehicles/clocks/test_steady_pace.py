@@ -3,7 +3,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from wil_campaign.vehicles.clocks.steady_pace import Exchange, SteadyPace
+from wil_campaign.vehicles.clocks.steady_pace import SteadyPace, TimesyncExchange
 
 _STEPS = st.tuples(
     st.floats(0.05, 0.4),
@@ -16,7 +16,7 @@ _STEPS = st.tuples(
 _WINDOW_S = 5.0
 
 
-def _explained(exchanges: list[Exchange], step_s: float) -> int:
+def _explained(exchanges: list[TimesyncExchange], step_s: float) -> int:
     """Return how many one pace explains, each pair compared anew."""
     for first in range(len(exchanges)):
         kept = exchanges[first:]
@@ -49,10 +49,10 @@ def _explained(exchanges: list[Exchange], step_s: float) -> int:
 def test_the_steady_count_equals_that_of_comparing_each_pair(
     steps: list[tuple[float, ...]],
 ) -> None:
-    pace, exchanges, t_s, remote_s = SteadyPace(), list[Exchange](), 0.0, 100.0
+    pace, exchanges, t_s, remote_s = SteadyPace(), list[TimesyncExchange](), 0.0, 100.0
     for dt_s, rate, there_s, back_s, step_s in steps:
         t_s, remote_s = t_s + dt_s, remote_s + dt_s * rate
-        exchanges.append(Exchange(t_s - there_s, t_s + back_s, round(remote_s * 1e9)))
+        exchanges.append(TimesyncExchange(t_s - there_s, t_s + back_s, round(remote_s * 1e9)))
         while exchanges[-1].sent_s - exchanges[0].sent_s > _WINDOW_S:
             exchanges.pop(0)
         steady = pace.steady(exchanges, step_s)

@@ -18,12 +18,12 @@ import pytest
 from tests.plugins.stream_links.test_flapping import patient_loop
 from tests.ports import free_port
 from wil_campaign.foundation.clocks.paced_loop import PacedLoop
-from wil_campaign.foundation.clocks.sim_clock_controller import Segment
+from wil_campaign.foundation.clocks.sim_clock_controller import ClockSegment
 from wil_campaign.foundation.clocks.virtual_loop import run_virtual
 from wil_campaign.plugins.impaired_links.impaired import ImpairedLink
 from wil_campaign.plugins.impaired_links.impairment import Impairment
 from wil_campaign.plugins.mavsdk import mavsdk_client
-from wil_campaign.vehicles.autopilots.autopilot import Mode
+from wil_campaign.vehicles.autopilots.autopilot import FlightMode
 from wil_campaign.vehicles.command_backends import command_backend_of
 from wil_campaign.vehicles.driver import Driver
 from wil_campaign.vehicles.driver.onboard.mission_protocol import ItemList, MissionItem
@@ -34,7 +34,7 @@ from wil_campaign.vehicles.links.link import Link
 from wil_campaign.vehicles.links.link_factory import open_link
 from wil_campaign.vehicles.links.link_strings import parse_link
 from wil_campaign.vehicles.links.memory import memory_pair
-from wil_campaign.vehicles.mavlink.fence_areas import FenceCircle, Place
+from wil_campaign.vehicles.mavlink.fence_areas import FenceCircle, FencePlace
 from wil_campaign.vehicles.setpoints import VelocitySetpoint
 
 LinkKind = Literal["memory", "impaired", "udp", "tcp"]
@@ -121,7 +121,7 @@ def hasty_loop() -> PacedLoop:
 def go_at(speed: float) -> None:
     loop = asyncio.get_running_loop()
     assert isinstance(loop, PacedLoop)
-    loop.follow(Segment(time.monotonic(), loop.time(), speed))
+    loop.follow(ClockSegment(time.monotonic(), loop.time(), speed))
 
 
 async def up(flown: Flown) -> None:
@@ -156,7 +156,7 @@ async def onboard_access(flown: Flown, folder: Path) -> None:
     assert await onboard.missions.download(ItemList.MISSION) == tuple(items)
     await onboard.missions.clear(ItemList.MISSION)
     assert await onboard.missions.download(ItemList.MISSION) == ()
-    fence = FenceCircle(Place(*place), 50.0)
+    fence = FenceCircle(FencePlace(*place), 50.0)
     await onboard.fences.upload([fence])
     (back,) = await onboard.fences.read()
     assert isinstance(back, FenceCircle)
@@ -202,7 +202,7 @@ def test_each_driver_flies_a_whole_flight(
         if voice == "mavsdk":
             go_at(UNTIL_READY)
         await up(flown)
-        assert driver.state.mode is Mode.GUIDED
+        assert driver.state.mode is FlightMode.GUIDED
         for _ in range(200):
             driver.send(VelocitySetpoint((1.0, 0.0, 0.0)))
             await asyncio.sleep(0.05)
@@ -216,8 +216,8 @@ def test_each_driver_flies_a_whole_flight(
         if voice == "mavlink":
             assert off_m(flown) < 1.5
         await driver.hold()
-        held: Mode = driver.state.mode
-        assert held is Mode.HOLD
+        held: FlightMode = driver.state.mode
+        assert held is FlightMode.HOLD
         # With mavsdk a busy machine brings many steps of the vehicle before it brings what it sent.
         for _ in range(100):
             if off_m(flown) < 1.5:

@@ -26,7 +26,7 @@ from wil_campaign.vehicles.links.link_factory import open_link
 from wil_campaign.vehicles.links.link_strings import parse_link
 from wil_campaign.vehicles.links.memory import memory_pair
 from wil_campaign.vehicles.links.tapped import TappedLink
-from wil_campaign.vehicles.mavlink.codec import Codec
+from wil_campaign.vehicles.mavlink.codec import MavlinkCodec
 from wil_campaign.vehicles.setpoints import PositionSetpoint, VelocitySetpoint
 from wil_campaign.worlds.frames import Pose, norm, subtract
 
@@ -242,7 +242,7 @@ def test_rates_that_a_ground_station_cuts_are_restored(autopilot: str, cut_hz: i
 
     async def fly() -> tuple[int, int]:
         ours, theirs = memory_pair(latency_s=0.002)
-        reader = Codec(system_id=1, component_id=1)
+        reader = MavlinkCodec(system_id=1, component_id=1)
 
         def note(data: bytes, _: float) -> None:
             asked.extend(

@@ -10,7 +10,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from tests.ports import free_port
 from wil_campaign.foundation.clocks.virtual_loop import run_virtual
 from wil_campaign.vehicles.driver import Driver
-from wil_campaign.vehicles.driver.vehicle_state import Battery, EstimateSample, VehicleEvent
+from wil_campaign.vehicles.driver.vehicle_state import BatteryState, EstimateSample, VehicleEvent
 from wil_campaign.vehicles.errors import (
     AnchorError,
     ArmRefusedError,
@@ -113,9 +113,9 @@ def test_garbage_and_headless_mavlink_are_distinguished() -> None:
             return str(caught.value)
 
     assert "not MAVLink" in run_virtual(listen(b"\x00\x55garbage"))
-    from wil_campaign.vehicles.mavlink.codec import Codec
+    from wil_campaign.vehicles.mavlink.codec import MavlinkCodec
 
-    codec = Codec(system_id=1, component_id=1)
+    codec = MavlinkCodec(system_id=1, component_id=1)
     attitude = codec.pack(mavlink.MAVLink_attitude_message(1, *[0.0] * 6))
     assert "no heartbeat" in run_virtual(listen(attitude))
 
@@ -139,7 +139,7 @@ def test_a_one_way_link_is_reported(fake_pair: Callable[..., Any]) -> None:
 def test_a_link_is_not_blamed_for_frames_that_this_program_read_late(
     late_s: float, words: str
 ) -> None:
-    from wil_campaign.vehicles.mavlink.codec import Codec
+    from wil_campaign.vehicles.mavlink.codec import MavlinkCodec
 
     class ReadLate(TappedLink):
         """A link whose bytes were stamped when they came, and are read so much later."""
@@ -149,7 +149,7 @@ def test_a_link_is_not_blamed_for_frames_that_this_program_read_late(
 
     async def listen() -> str:
         ours, theirs = memory_pair()
-        codec = Codec(system_id=1, component_id=1)
+        codec = MavlinkCodec(system_id=1, component_id=1)
         heartbeat = mavlink.MAVLink_heartbeat_message(2, 12, 1, 0, 3, 3)
 
         async def beat() -> None:
@@ -329,18 +329,18 @@ def test_a_vehicle_is_not_commanded_to_disarm_before_it_has_landed(
 @pytest.mark.parametrize(
     ("voltage_mv", "percent", "battery"),
     [
-        (12_600, 80, Battery(12.6, 0.8)),
-        (14_200, 80, Battery(14.2, 0.8)),
-        (9_000, 0, Battery(9.0, 0.0)),
-        (0, -1, Battery(None, None)),
-        (0, 0, Battery(None, None)),
-        (0, 100, Battery(None, 1.0)),
-        (0xFFFF, -1, Battery(None, None)),
-        (0xFFFF, 0, Battery(None, 0.0)),
+        (12_600, 80, BatteryState(12.6, 0.8)),
+        (14_200, 80, BatteryState(14.2, 0.8)),
+        (9_000, 0, BatteryState(9.0, 0.0)),
+        (0, -1, BatteryState(None, None)),
+        (0, 0, BatteryState(None, None)),
+        (0, 100, BatteryState(None, 1.0)),
+        (0xFFFF, -1, BatteryState(None, None)),
+        (0xFFFF, 0, BatteryState(None, 0.0)),
     ],
 )
 def test_a_battery_without_a_power_module_is_not_measured(
-    fake_pair: Callable[..., Any], voltage_mv: int, percent: int, battery: Battery
+    fake_pair: Callable[..., Any], voltage_mv: int, percent: int, battery: BatteryState
 ) -> None:
     """Nor does it count as a report of a battery, which the evidence of its oracle is."""
 
@@ -352,7 +352,7 @@ def test_a_battery_without_a_power_module_is_not_measured(
         before_s = driver.reported_s.get("battery")
         await asyncio.sleep(2.0)
         reports = driver.reported_s.get("battery") != before_s
-        assert reports == (battery != Battery(None, None))
+        assert reports == (battery != BatteryState(None, None))
 
     _run(fake_pair, script)
 

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from wil_campaign.foundation.clocks.virtual_loop import run_virtual
-from wil_campaign.vehicles.autopilots.autopilot import Target, command_long
+from wil_campaign.vehicles.autopilots.autopilot import MavlinkTarget, command_long
 from wil_campaign.vehicles.driver.onboard.mission_protocol import (
     ItemList,
     MissionError,
@@ -21,14 +21,14 @@ from wil_campaign.vehicles.driver.onboard.mission_protocol import (
     MissionProtocol,
 )
 from wil_campaign.vehicles.driver.onboard.parameters import (
-    Parameters,
+    OnboardParameters,
     decode_parameter,
     encode_parameter,
 )
 from wil_campaign.vehicles.driver.session.commands import Commander
 from wil_campaign.vehicles.driver.session.conditions import ConditionWaiter
 from wil_campaign.vehicles.driver.session.repeater import Repeater
-from wil_campaign.vehicles.driver.session.session import Session
+from wil_campaign.vehicles.driver.session.session import MavlinkSession
 from wil_campaign.vehicles.errors import (
     CommandError,
     CommandTimeoutError,
@@ -36,20 +36,20 @@ from wil_campaign.vehicles.errors import (
     VehicleError,
 )
 
-PEER = Target(1, 1)
+PEER = MavlinkTarget(1, 1)
 TAKEOFF = mavlink.MAV_CMD_NAV_TAKEOFF
 
 
 def _run(
     fake_pair: Callable[..., Any],
-    script: Callable[[Any, Session], Awaitable[Any]],
+    script: Callable[[Any, MavlinkSession], Awaitable[Any]],
     prepare: Callable[[Any], None] = lambda _: None,
 ) -> tuple[Any, Any]:
     """Run a script against the peer; return its result and the peer."""
 
     async def fly() -> tuple[Any, Any]:
         link, peer = fake_pair()
-        session = Session(link=link, own=Target(245, 190))
+        session = MavlinkSession(link=link, own=MavlinkTarget(245, 190))
         session.target = PEER
         prepare(peer)
         async with peer, link:
@@ -58,14 +58,14 @@ def _run(
     return run_virtual(fly())
 
 
-def _commander(session: Session) -> Commander:
+def _commander(session: MavlinkSession) -> Commander:
     return Commander(
         session=session, circumstances=lambda: "; its last STATUSTEXT: Crash: Disarming"
     )
 
 
 def test_an_accepted_command_is_sent_once(fake_pair: Callable[..., Any]) -> None:
-    async def script(peer: Any, session: Session) -> None:
+    async def script(peer: Any, session: MavlinkSession) -> None:
         await _commander(session).run(command_long(PEER, TAKEOFF, 0.0))
 
     _, peer = _run(fake_pair, script)
@@ -78,7 +78,7 @@ def test_lost_acks_are_asked_for_again_with_confirmation(fake_pair: Callable[...
             peer.ack(message) if message.confirmation == 2 else None
         )
 
-    async def script(peer: Any, session: Session) -> float:
+    async def script(peer: Any, session: MavlinkSession) -> float:
         await _commander(session).run(command_long(PEER, TAKEOFF, 0.0))
         return asyncio.get_running_loop().time()
 
@@ -95,7 +95,7 @@ def test_awaited_commands_of_a_closed_commander_fail(fake_pair: Callable[..., An
         for number in (TAKEOFF, mavlink.MAV_CMD_DO_SET_MODE):
             peer.replies[f"COMMAND_LONG:{number}"] = lambda peer, message: None
 
-    async def script(_: Any, session: Session) -> list[Any]:
+    async def script(_: Any, session: MavlinkSession) -> list[Any]:
         asyncio.get_running_loop().set_exception_handler(lambda _, what: reported.append(what))
         commander = _commander(session)
         commander.begin(command_long(PEER, mavlink.MAV_CMD_DO_SET_MODE))
@@ -132,7 +132,7 @@ def test_a_list_that_is_accepted_before_its_items_is_an_error(
     def prepare(peer: Any) -> None:
         peer.replies["MISSION_COUNT"] = accept
 
-    async def script(peer: Any, session: Session) -> None:
+    async def script(peer: Any, session: MavlinkSession) -> None:
         item = MissionItem(command=mavlink.MAV_CMD_NAV_WAYPOINT)
         async with asyncio.timeout(60.0):
             await MissionProtocol(session=session).upload(ItemList.MISSION, [item])
@@ -145,7 +145,7 @@ def test_no_answer_is_an_error_with_names(fake_pair: Callable[..., Any]) -> None
     def prepare(peer: Any) -> None:
         peer.replies[f"COMMAND_LONG:{TAKEOFF}"] = lambda peer, message: None
 
-    async def script(peer: Any, session: Session) -> None:
+    async def script(peer: Any, session: MavlinkSession) -> None:
         await _commander(session).run(command_long(PEER, TAKEOFF, 0.0))
 
     with pytest.raises(CommandTimeoutError, match="TAKEOFF was not acknowledged") as caught:
@@ -158,7 +158,7 @@ def test_refusal_is_an_error_with_names(fake_pair: Callable[..., Any]) -> None:
     def prepare(peer: Any) -> None:
         peer.replies[f"COMMAND_LONG:{TAKEOFF}"] = lambda peer, message: peer.ack(message, 2)
 
-    async def script(peer: Any, session: Session) -> None:
+    async def script(peer: Any, session: MavlinkSession) -> None:
         await _commander(session).run(command_long(PEER, TAKEOFF, 0.0))
 
     with pytest.raises(CommandError, match="refused with MAV_RESULT_DENIED") as caught:
@@ -172,7 +172,7 @@ def test_refusal_of_a_repetition_is_no_error_when_it_is_done(fake_pair: Callable
             peer.ack(message, 4) if message.confirmation else None
         )
 
-    async def script(peer: Any, session: Session) -> list[str]:
+    async def script(peer: Any, session: MavlinkSession) -> list[str]:
         results = []
         for done in (True, False):
             try:
@@ -195,7 +195,7 @@ def test_progress_gives_time(fake_pair: Callable[..., Any]) -> None:
     def prepare(peer: Any) -> None:
         peer.replies[f"COMMAND_LONG:{TAKEOFF}"] = reply
 
-    async def script(peer: Any, session: Session) -> float:
+    async def script(peer: Any, session: MavlinkSession) -> float:
         await _commander(session).run(command_long(PEER, TAKEOFF, 0.0))
         return asyncio.get_running_loop().time()
 
@@ -210,7 +210,7 @@ def test_a_temporary_rejection_is_tried_again(fake_pair: Callable[..., Any]) -> 
             message, 0 if message.confirmation == 1 else 1
         )
 
-    async def script(peer: Any, session: Session) -> None:
+    async def script(peer: Any, session: MavlinkSession) -> None:
         await _commander(session).run(command_long(PEER, TAKEOFF, 0.0))
 
     assert len(_run(fake_pair, script, prepare)[1].commands(TAKEOFF)) == 2
@@ -227,7 +227,7 @@ def test_acks_for_others_do_not_count(
             mavlink.MAVLink_command_ack_message(TAKEOFF, 0, 0, 0, *other)
         )
 
-    async def script(peer: Any, session: Session) -> None:
+    async def script(peer: Any, session: MavlinkSession) -> None:
         await _commander(session).run(command_long(PEER, TAKEOFF, 0.0))
 
     with pytest.raises(CommandTimeoutError):
@@ -235,7 +235,7 @@ def test_acks_for_others_do_not_count(
 
 
 def test_the_same_command_waits_its_turn_or_says_so(fake_pair: Callable[..., Any]) -> None:
-    async def script(peer: Any, session: Session) -> int:
+    async def script(peer: Any, session: MavlinkSession) -> int:
         commander = _commander(session)
         first = commander.begin(command_long(PEER, TAKEOFF, 0.0))
         with pytest.raises(CommandError, match="not acknowledged yet"):
@@ -260,8 +260,8 @@ def test_parameters_are_set_and_read_back(
     def prepare(peer: Any) -> None:
         peer.parameters["SOME_PARAM"] = (encode_parameter(1, kind, bytewise=bytewise), kind)
 
-    async def script(peer: Any, session: Session) -> Any:
-        parameters = Parameters(session=session)
+    async def script(peer: Any, session: MavlinkSession) -> Any:
+        parameters = OnboardParameters(session=session)
         parameters.use_bytewise(bytewise)
         assert await parameters.get("SOME_PARAM") == 1
         await parameters.set("SOME_PARAM", value)
@@ -302,8 +302,8 @@ def test_values_that_do_not_fit_are_refused(
     def prepare(peer: Any) -> None:
         peer.parameters["SOME_PARAM"] = (1.0, kind)
 
-    async def script(peer: Any, session: Session) -> None:
-        await Parameters(session=session).set("SOME_PARAM", value)
+    async def script(peer: Any, session: MavlinkSession) -> None:
+        await OnboardParameters(session=session).set("SOME_PARAM", value)
 
     with pytest.raises(ParameterError, match=f"SOME_PARAM.*{words}"):
         _run(fake_pair, script, prepare)
@@ -316,16 +316,16 @@ def test_a_parameter_that_stays_as_it_was_is_an_error(fake_pair: Callable[..., A
             mavlink.MAVLink_param_value_message(b"READ_ONLY", 1.0, REAL, 1, 0)
         )
 
-    async def script(peer: Any, session: Session) -> None:
-        await Parameters(session=session).set("READ_ONLY", 3.0)
+    async def script(peer: Any, session: MavlinkSession) -> None:
+        await OnboardParameters(session=session).set("READ_ONLY", 3.0)
 
     with pytest.raises(ParameterError, match="READ_ONLY was set to"):
         _run(fake_pair, script, prepare)
 
 
 def test_unknown_parameters_are_an_error_soon(fake_pair: Callable[..., Any]) -> None:
-    async def script(peer: Any, session: Session) -> None:
-        await Parameters(session=session).get("NO_SUCH_PARAM")
+    async def script(peer: Any, session: MavlinkSession) -> None:
+        await OnboardParameters(session=session).get("NO_SUCH_PARAM")
 
     unsent = "no reply for parameter NO_SUCH_PARAM.* received .* no parameter yet: .* arrive"
     with pytest.raises(ParameterError, match=unsent):
@@ -346,13 +346,13 @@ def test_a_parameter_without_an_answer_says_what_else_the_vehicle_sent(
     def prepare(peer: Any) -> None:
         peer.parameters["SOME_PARAM"] = (1.0, REAL)
 
-    async def known(peer: Any, session: Session) -> None:
-        parameters = Parameters(session=session)
+    async def known(peer: Any, session: MavlinkSession) -> None:
+        parameters = OnboardParameters(session=session)
         await parameters.get("SOME_PARAM")
         await parameters.get("NO_SUCH_PARAM")
 
-    async def silent(peer: Any, session: Session) -> None:
-        parameters = Parameters(session=session)
+    async def silent(peer: Any, session: MavlinkSession) -> None:
+        parameters = OnboardParameters(session=session)
         await parameters.get("SOME_PARAM")
         peer.muted = True
         await parameters.get("SOME_PARAM")

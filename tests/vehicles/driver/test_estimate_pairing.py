@@ -3,13 +3,13 @@
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from wil_campaign.vehicles.autopilots.autopilot import Target
+from wil_campaign.vehicles.autopilots.autopilot import MavlinkTarget
 from wil_campaign.vehicles.clocks.timesync import VehicleClock
 from wil_campaign.vehicles.driver.estimates import EstimatePairing, Estimates
-from wil_campaign.vehicles.driver.session.session import Session
+from wil_campaign.vehicles.driver.session.session import MavlinkSession
 from wil_campaign.vehicles.driver.vehicle_state import LocalEstimate
 from wil_campaign.vehicles.links.memory import memory_pair
-from wil_campaign.vehicles.mavlink.codec import Codec
+from wil_campaign.vehicles.mavlink.codec import MavlinkCodec
 from wil_campaign.worlds.frames import Pose, quat_from_euler
 
 HERE = (1.0, 2.0, -3.0)
@@ -70,11 +70,11 @@ def test_attitudes_out_of_order_are_skipped_and_a_restart_starts_anew() -> None:
 def test_a_vehicle_that_crosses_the_date_line_is_beyond_it() -> None:
     """PX4's longitude goes on: 180.00001 degrees are -179.99999."""
     link, _ = memory_pair(latency_s=0.0)
-    session = Session(link=link, own=Target(245, 190))
-    session.target = Target(1, 1)
+    session = MavlinkSession(link=link, own=MavlinkTarget(245, 190))
+    session.target = MavlinkTarget(1, 1)
     estimates, codec = (
         Estimates(session=session, clock=VehicleClock()),
-        Codec(system_id=1, component_id=1),
+        MavlinkCodec(system_id=1, component_id=1),
     )
     estimates.local = LocalEstimate(0.0, Pose((0.0, 0.0, -1.0)), (0.0, 0.0, 0.0))
     unknown = 2**31 - 1

@@ -7,7 +7,7 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from wil_campaign.foundation.clocks.virtual_loop import run_virtual
-from wil_campaign.vehicles.autopilots.autopilot import Mode, Target, command_long
+from wil_campaign.vehicles.autopilots.autopilot import FlightMode, MavlinkTarget, command_long
 from wil_campaign.vehicles.autopilots.registry import autopilot_named
 from wil_campaign.vehicles.driver import Driver
 from wil_campaign.vehicles.driver.vehicle_state import EstimateSample
@@ -16,7 +16,7 @@ from wil_campaign.vehicles.embedded.vehicle import EmbeddedVehicle
 from wil_campaign.vehicles.errors import NotReadyError
 from wil_campaign.vehicles.links.link import Link
 from wil_campaign.vehicles.links.memory import memory_pair
-from wil_campaign.vehicles.mavlink.codec import Codec
+from wil_campaign.vehicles.mavlink.codec import MavlinkCodec
 from wil_campaign.vehicles.setpoints import VelocitySetpoint
 
 FLIGHTS = 10
@@ -76,10 +76,10 @@ ENDS = ("landed", "returned", "disarmed in the air", "told to land once more")
 
 def _end(autopilot: str, end: str) -> Any:
     """Return what somebody else commands a flying vehicle, which ends its flight."""
-    target = Target(1, 1)
+    target = MavlinkTarget(1, 1)
     if end == "disarmed in the air":
         return command_long(target, mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0.0, _FORCED)
-    mode = Mode.RTL if end == "returned" else Mode.LAND
+    mode = FlightMode.RTL if end == "returned" else FlightMode.LAND
     return autopilot_named(autopilot).set_mode(target, mode)
 
 
@@ -89,7 +89,7 @@ def test_ten_flights_in_a_row_of_which_somebody_else_ends_every_second(
 ) -> None:
     async def fly() -> int:
         ours, theirs = memory_pair(latency_s=0.002)
-        guard = Codec(system_id=250, component_id=1)
+        guard = MavlinkCodec(system_id=250, component_id=1)
         flown = 0
         config = EmbeddedConfig(autopilot=autopilot)
         async with EmbeddedVehicle(config=config, link=theirs, seed=1), ours:
@@ -115,19 +115,19 @@ def test_ten_flights_in_a_row_of_which_somebody_else_ends_every_second(
 def test_a_mode_that_somebody_chose_is_left_and_named_with_the_remedy() -> None:
     async def fly() -> None:
         ours, theirs = memory_pair(latency_s=0.002)
-        pilot = Codec(system_id=250, component_id=1)
+        pilot = MavlinkCodec(system_id=250, component_id=1)
         async with (
             EmbeddedVehicle(config=EmbeddedConfig(autopilot="px4"), link=theirs, seed=1),
             Driver(name="real", link=ours) as driver,
         ):
             await driver.identify(5.0)
             mission = command_long(
-                Target(1, 1), mavlink.MAV_CMD_DO_SET_MODE,
+                MavlinkTarget(1, 1), mavlink.MAV_CMD_DO_SET_MODE,
                 float(mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED), 4.0, 4.0,
             )  # fmt: skip
             ours.write(pilot.pack(mission))
             with pytest.raises(NotReadyError, match=r"it is in MISSION; switch it to Hold"):
                 await driver.ready(30.0)
-            assert driver.state.mode is Mode.MISSION
+            assert driver.state.mode is FlightMode.MISSION
 
     run_virtual(fly())

@@ -10,7 +10,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from wil_campaign.foundation.clocks.virtual_loop import run_virtual
 from wil_campaign.vehicles.driver import Driver
 from wil_campaign.vehicles.driver.vehicle_state import VehicleEvent
-from wil_campaign.vehicles.mavlink.codec import Codec
+from wil_campaign.vehicles.mavlink.codec import MavlinkCodec
 from wil_campaign.vehicles.mavlink.framing import FrameSplitter
 from wil_campaign.vehicles.mavlink.heartbeats import HeartbeatKind, heartbeat_kind
 
@@ -28,7 +28,7 @@ class Other:
     def __init__(self, peer: Any, kind: tuple[int, int]) -> None:
         self._peer = peer
         self._beat = mavlink.MAVLink_heartbeat_message(*kind, 0, 0, 4, 3)
-        self._codec = Codec(system_id=1, component_id=1)
+        self._codec = MavlinkCodec(system_id=1, component_id=1)
 
     def send(self) -> None:
         self._peer.link.write(self._codec.pack(self._beat))
@@ -104,7 +104,7 @@ def test_kind_is_read_from_cut_frames_of_both_versions() -> None:
         (frame,) = FrameSplitter().feed(raw)
         assert (frame.version, heartbeat_kind(frame)) == (version, COMPANION)
     (other,) = FrameSplitter().feed(
-        Codec(system_id=1, component_id=1).pack(mavlink.MAVLink_ping_message(0, 0, 0, 0))
+        MavlinkCodec(system_id=1, component_id=1).pack(mavlink.MAVLink_ping_message(0, 0, 0, 0))
     )
     assert heartbeat_kind(other) is None
     assert str(HeartbeatKind(*COMPANION)) == "onboard_controller with autopilot invalid"

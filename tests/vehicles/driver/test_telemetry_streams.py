@@ -6,12 +6,12 @@ from typing import Any, Self
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from wil_campaign.foundation.clocks.virtual_loop import run_virtual
-from wil_campaign.vehicles.autopilots.autopilot import MessageRate, Target, TelemetryRates
+from wil_campaign.vehicles.autopilots.autopilot import MavlinkTarget, MessageRate, TelemetryRates
 from wil_campaign.vehicles.autopilots.px4 import Px4
-from wil_campaign.vehicles.driver.session.session import Session
+from wil_campaign.vehicles.driver.session.session import MavlinkSession
 from wil_campaign.vehicles.driver.telemetry_streams import TelemetryStreams
 from wil_campaign.vehicles.links.link import Receiver
-from wil_campaign.vehicles.mavlink.codec import Codec
+from wil_campaign.vehicles.mavlink.codec import MavlinkCodec
 
 
 class Wire:
@@ -37,14 +37,14 @@ class Wire:
 
 def asked(packets: list[bytes]) -> list[float]:
     """Return the ids of the messages that were asked for."""
-    found: list[Any] = Codec(system_id=1, component_id=1).parse(b"".join(packets))
+    found: list[Any] = MavlinkCodec(system_id=1, component_id=1).parse(b"".join(packets))
     return [one.param1 for one in found if one.command == mavlink.MAV_CMD_SET_MESSAGE_INTERVAL]
 
 
 def test_all_streams_are_asked_for_in_one_packet() -> None:
     wire, plan = Wire(), Px4().telemetry_plan(TelemetryRates())
-    session = Session(link=wire, own=Target(245, 190))
-    TelemetryStreams(session=session, autopilot=Px4(), target=Target(1), plan=plan).request()
+    session = MavlinkSession(link=wire, own=MavlinkTarget(245, 190))
+    TelemetryStreams(session=session, autopilot=Px4(), target=MavlinkTarget(1), plan=plan).request()
     assert len(wire.packets) == 1
     assert asked(wire.packets) == [line.message_id for line in plan]
 
@@ -52,8 +52,8 @@ def test_all_streams_are_asked_for_in_one_packet() -> None:
 def test_another_command_backend_sends_each_stream_request() -> None:
     wire, said = Wire(), list[Any]()
     plan = Px4().telemetry_plan(TelemetryRates())
-    session = Session(link=wire, own=Target(245, 190), sender=said.append)
-    streams = TelemetryStreams(session=session, autopilot=Px4(), target=Target(1), plan=plan)
+    session = MavlinkSession(link=wire, own=MavlinkTarget(245, 190), sender=said.append)
+    streams = TelemetryStreams(session=session, autopilot=Px4(), target=MavlinkTarget(1), plan=plan)
     streams.request()
     assert [one.param1 for one in said] == [line.message_id for line in plan]
     session.write_frames()
@@ -62,19 +62,19 @@ def test_another_command_backend_sends_each_stream_request() -> None:
 
 
 POSITION = mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED
-VEHICLE = Codec(system_id=1, component_id=1)
+VEHICLE = MavlinkCodec(system_id=1, component_id=1)
 
 
-def streams_of(*plan: MessageRate) -> tuple[TelemetryStreams, Session, Wire]:
+def streams_of(*plan: MessageRate) -> tuple[TelemetryStreams, MavlinkSession, Wire]:
     """Return the streams of a plan, of a vehicle that is identified."""
     wire = Wire()
-    session = Session(link=wire, own=Target(245, 190))
-    session.target = Target(1)
-    streams = TelemetryStreams(session=session, autopilot=Px4(), target=Target(1), plan=plan)
+    session = MavlinkSession(link=wire, own=MavlinkTarget(245, 190))
+    session.target = MavlinkTarget(1)
+    streams = TelemetryStreams(session=session, autopilot=Px4(), target=MavlinkTarget(1), plan=plan)
     return streams, session, wire
 
 
-async def say_positions(session: Session, rate_hz: float, for_s: float) -> None:
+async def say_positions(session: MavlinkSession, rate_hz: float, for_s: float) -> None:
     for _ in range(round(rate_hz * for_s)):
         message = mavlink.MAVLink_local_position_ned_message(0, *[0.0] * 6)
         session.received(VEHICLE.pack(message), asyncio.get_running_loop().time())

@@ -11,18 +11,18 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from tests.vehicles.autopilots.test_ground_truth import hil_state, sim_state
 from wil_campaign.foundation.clocks.virtual_loop import run_virtual
 from wil_campaign.plugins.ardupilot.strategy import ArduCopter
-from wil_campaign.vehicles.autopilots.autopilot import Autopilot, Target
+from wil_campaign.vehicles.autopilots.autopilot import Autopilot, MavlinkTarget
 from wil_campaign.vehicles.autopilots.px4 import Px4
 from wil_campaign.vehicles.clocks.timesync import VehicleClock
 from wil_campaign.vehicles.driver import Driver
-from wil_campaign.vehicles.driver.session.session import Session
+from wil_campaign.vehicles.driver.session.session import MavlinkSession
 from wil_campaign.vehicles.driver.truth_receiver import TruthReceiver
 from wil_campaign.vehicles.driver.vehicle_state import EstimateSample
 from wil_campaign.vehicles.embedded.physics.config import EmbeddedConfig
 from wil_campaign.vehicles.embedded.vehicle import EmbeddedVehicle
 from wil_campaign.vehicles.errors import AnchorError
 from wil_campaign.vehicles.links.memory import memory_pair
-from wil_campaign.vehicles.mavlink.codec import Codec
+from wil_campaign.vehicles.mavlink.codec import MavlinkCodec
 from wil_campaign.vehicles.poses.pose_history import PoseHistory
 from wil_campaign.vehicles.poses.truth import TruthSample
 from wil_campaign.vehicles.setpoints import VelocitySetpoint
@@ -37,10 +37,10 @@ class Simulator:
 
     def __init__(self, autopilot: Autopilot, *, listens: bool = True) -> None:
         link, _ = memory_pair(latency_s=0.0)
-        session = Session(link=link, own=Target(245, 190))
-        session.target = Target(1, 1)
+        session = MavlinkSession(link=link, own=MavlinkTarget(245, 190))
+        session.target = MavlinkTarget(1, 1)
         self._session = session
-        self._codec = Codec(system_id=1, component_id=1)
+        self._codec = MavlinkCodec(system_id=1, component_id=1)
         self._clock = VehicleClock()
         self.receiver = TruthReceiver(session=session, clock=self._clock)
         self.samples: list[EstimateSample] = []

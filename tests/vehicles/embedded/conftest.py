@@ -13,7 +13,7 @@ from wil_campaign.foundation.clocks.virtual_loop import run_virtual
 from wil_campaign.vehicles.embedded.physics.config import ContactWorld, EmbeddedConfig
 from wil_campaign.vehicles.embedded.vehicle import EmbeddedVehicle
 from wil_campaign.vehicles.links.memory import memory_pair
-from wil_campaign.vehicles.mavlink.codec import Codec
+from wil_campaign.vehicles.mavlink.codec import MavlinkCodec
 
 NAN = math.nan
 PX4_READY_S, COPTER_READY_S = 6.6, 41.6
@@ -36,7 +36,7 @@ class Rig:
         self.vehicle = EmbeddedVehicle(
             config=self.config, link=near, seed=seed, contact_world=contact_world
         )
-        self.codec = Codec(system_id=255, component_id=190)
+        self.codec = MavlinkCodec(system_id=255, component_id=190)
         self.heard: list[tuple[float, Any]] = []
         self.last: dict[str, Any] = {}
         self.raw = bytearray()

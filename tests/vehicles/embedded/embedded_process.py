@@ -5,7 +5,7 @@ import os
 import sys
 from typing import Self
 
-from wil_campaign.foundation.processes.child import ChildProcess, how_it_ended
+from wil_campaign.foundation.processes.child import ChildProcess, exit_status_text
 from wil_campaign.foundation.processes.feed_socket import feed_environment, feed_pair
 from wil_campaign.vehicles.embedded.emulations import load_kernels
 from wil_campaign.vehicles.embedded.process.embedded_launch import FeedClient
@@ -59,7 +59,7 @@ class EmbeddedProcess:
             async with asyncio.timeout(_FIRST_WORD_S):
                 await self.feed.connected.wait()
             if not child.running:
-                how = f"{how_it_ended(child.exit_code)}: {child.stderr_tail}"
+                how = f"{exit_status_text(child.exit_code)}: {child.stderr_tail}"
                 raise LinkError(f"it did not start, it {how}")  # noqa: TRY301
         except BaseException:
             await self.__aexit__(None, None, None)

@@ -17,7 +17,7 @@ from wil_campaign.vehicles.links.link_strings import LinkAddress, parse_link
 from wil_campaign.vehicles.links.memory import memory_pair
 from wil_campaign.vehicles.links.signed_link import SignedLink
 from wil_campaign.vehicles.links.udp import UdpLink
-from wil_campaign.vehicles.mavlink.codec import Codec
+from wil_campaign.vehicles.mavlink.codec import MavlinkCodec
 from wil_campaign.vehicles.mavlink.framing import FrameSplitter
 from wil_campaign.vehicles.mavlink.signing import Signer, ticks_of_utc
 from wil_campaign.vehicles.mavlink.signing_key import SigningKey
@@ -131,7 +131,7 @@ class Received:
 
 
 def _heartbeat(system: int) -> bytes:
-    codec = Codec(system_id=system, component_id=1)
+    codec = MavlinkCodec(system_id=system, component_id=1)
     return codec.pack(mavlink.MAVLink_heartbeat_message(2, 12, 0, 0, 0, 3))
 
 
@@ -443,7 +443,7 @@ async def test_a_signed_vehicle_is_answered_after_each_restart_from_another_port
 async def test_no_flood_takes_the_place_of_a_signed_vehicle_in_an_outage() -> None:
     async with Signed() as there:
         old = there.say_signed(1001)
-        status = Codec(system_id=1, component_id=1).pack(
+        status = MavlinkCodec(system_id=1, component_id=1).pack(
             mavlink.MAVLink_radio_status_message(1, 1, 1, 1, 1, 0, 0)
         )
         for number in range(300):

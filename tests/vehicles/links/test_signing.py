@@ -19,8 +19,13 @@ from wil_campaign.vehicles.embedded.vehicle import EmbeddedVehicle
 from wil_campaign.vehicles.errors import IdentifyError
 from wil_campaign.vehicles.links.memory import memory_pair
 from wil_campaign.vehicles.links.signed_link import SignedLink
-from wil_campaign.vehicles.mavlink.codec import Codec
-from wil_campaign.vehicles.mavlink.framing import Frame, FrameSplitter, checksum, frame_header
+from wil_campaign.vehicles.mavlink.codec import MavlinkCodec
+from wil_campaign.vehicles.mavlink.framing import (
+    FrameSplitter,
+    MavlinkFrame,
+    frame_checksum,
+    frame_header,
+)
 from wil_campaign.vehicles.mavlink.signing import TICKS_PER_S, Signer, SigningCounts, ticks_of_utc
 from wil_campaign.vehicles.mavlink.signing_key import (
     SigningKey,
@@ -34,13 +39,13 @@ KEY = SigningKey(SECRET)
 NOW = ticks_of_utc(1_700_000_000.0)
 
 
-def _frame(raw: bytes) -> Frame:
+def _frame(raw: bytes) -> MavlinkFrame:
     frame = frame_header(raw)
     assert frame is not None
     return frame
 
 
-def _heartbeat(codec: Codec) -> Frame:
+def _heartbeat(codec: MavlinkCodec) -> MavlinkFrame:
     return _frame(codec.pack(mavlink.MAVLink_heartbeat_message(2, 3, 81, 0, 3, 3)))
 
 
@@ -73,7 +78,7 @@ MESSAGES = st.one_of(
 
 @given(MESSAGES)
 def test_pymavlink_believes_our_signatures(message: Any) -> None:
-    codec = Codec(system_id=245, component_id=190)
+    codec = MavlinkCodec(system_id=245, component_id=190)
     plain = _frame(codec.pack(message))
     raw = Signer(key=KEY, link_id=7).sign(plain, NOW)
     assert raw is not None
@@ -98,17 +103,19 @@ def test_we_believe_and_remove_signatures_of_pymavlink(message: Any) -> None:
 def test_a_message_that_no_dialect_knows_is_signed_with_a_right_checksum() -> None:
     body = bytes([3, 0, 0, 9, 1, 1, 0x55, 0x66, 0x07]) + b"abc"
     extra = b"\x2a"
-    crc = checksum(body, extra)
+    crc = frame_checksum(body, extra)
     plain = _frame(b"\xfd" + body + crc.to_bytes(2, "little"))
     raw = Signer(key=KEY).sign(plain, NOW)
     assert raw is not None
     covered = raw[1:-15]
-    assert checksum(covered, extra).to_bytes(2, "little") == raw[-15:-13]
+    assert frame_checksum(covered, extra).to_bytes(2, "little") == raw[-15:-13]
     assert Signer(key=KEY).check(_frame(raw), NOW) == plain.raw
 
 
 def test_another_key_is_bad() -> None:
-    raw = Signer(key=SigningKey(bytes(32))).sign(_heartbeat(Codec(system_id=1, component_id=1)), 5)
+    raw = Signer(key=SigningKey(bytes(32))).sign(
+        _heartbeat(MavlinkCodec(system_id=1, component_id=1)), 5
+    )
     assert raw is not None
     signer = Signer(key=KEY)
     assert signer.check(_frame(raw), 5) is None
@@ -117,7 +124,7 @@ def test_another_key_is_bad() -> None:
 
 @given(st.integers(0, 8 * 24 - 1))
 def test_any_flipped_bit_is_noticed(bit: int) -> None:
-    raw = Signer(key=KEY).sign(_heartbeat(Codec(system_id=1, component_id=1)), NOW)
+    raw = Signer(key=KEY).sign(_heartbeat(MavlinkCodec(system_id=1, component_id=1)), NOW)
     assert raw is not None
     spoilt = bytearray(raw)
     at = 10 + bit // 8
@@ -128,7 +135,7 @@ def test_any_flipped_bit_is_noticed(bit: int) -> None:
 
 
 def test_unsigned_frames_are_refused_but_for_a_radios_status() -> None:
-    signer, codec = Signer(key=KEY), Codec(system_id=1, component_id=1)
+    signer, codec = Signer(key=KEY), MavlinkCodec(system_id=1, component_id=1)
     assert signer.check(_heartbeat(codec), NOW) is None
     status = _frame(codec.pack(mavlink.MAVLink_radio_status_message(1, 1, 1, 1, 1, 0, 0)))
     assert signer.check(status, NOW) == status.raw
@@ -144,8 +151,8 @@ def test_mavlink_1_cannot_be_signed() -> None:
     assert signer.counts == SigningCounts(unsigned=1, unsignable=1)
 
 
-def _signed_at(stamp: int, *, system: int = 1, link_id: int = 0) -> Frame:
-    codec = Codec(system_id=system, component_id=1)
+def _signed_at(stamp: int, *, system: int = 1, link_id: int = 0) -> MavlinkFrame:
+    codec = MavlinkCodec(system_id=system, component_id=1)
     raw = Signer(key=KEY, link_id=link_id).sign(_heartbeat(codec), stamp)
     assert raw is not None
     return _frame(raw)
@@ -173,7 +180,7 @@ def test_a_new_stream_may_be_a_minute_old_and_no_more() -> None:
 
 
 def test_timestamps_grow_and_follow_a_clock_that_is_ahead() -> None:
-    signer, codec = Signer(key=KEY), Codec(system_id=245, component_id=190)
+    signer, codec = Signer(key=KEY), MavlinkCodec(system_id=245, component_id=190)
 
     def stamp() -> int:
         raw = signer.sign(_heartbeat(codec), NOW)

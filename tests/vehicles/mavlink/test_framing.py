@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from wil_campaign.vehicles.mavlink.codec import Codec
+from wil_campaign.vehicles.mavlink.codec import MavlinkCodec
 from wil_campaign.vehicles.mavlink.framing import FrameSplitter, frame_header
 from wil_campaign.vehicles.mavlink.names import command_name, message_name, result_name
 
@@ -23,7 +23,7 @@ def _messages(count: int) -> list[Any]:
 
 
 def _stream(count: int) -> list[bytes]:
-    codec = Codec(system_id=7, component_id=1)
+    codec = MavlinkCodec(system_id=7, component_id=1)
     return [codec.pack(message) for message in _messages(count)]
 
 
@@ -49,7 +49,7 @@ def test_packs_as_pymavlink_does(x: float, mask: int, frame: int) -> None:
         mavlink.MAVLink_statustext_message(frame, b"text"),
         mavlink.MAVLink_mission_count_message(1, 1, mask),
     ]
-    codec = Codec(system_id=245, component_id=190)
+    codec = MavlinkCodec(system_id=245, component_id=190)
     reference = mavlink.MAVLink(None, srcSystem=245, srcComponent=190)
     for number, message in enumerate(messages):
         packed = codec.pack(message)
@@ -63,9 +63,9 @@ def test_every_message_packs_and_decodes_as_by_pymavlink(zeros: float) -> None:
     reference = mavlink.MAVLink(None, srcSystem=7, srcComponent=3)
     for kind in mavlink.mavlink_map.values():
         message = kind(*(_value(rng, kind, name, zeros) for name in kind.fieldnames))
-        packed = Codec(system_id=7, component_id=3).pack(message)
+        packed = MavlinkCodec(system_id=7, component_id=3).pack(message)
         assert packed == bytes(message.pack(reference))
-        (decoded,) = Codec(system_id=1, component_id=1).parse(packed)
+        (decoded,) = MavlinkCodec(system_id=1, component_id=1).parse(packed)
         assert decoded.to_dict() == reference.decode(bytearray(packed)).to_dict()
         assert (decoded.get_srcSystem(), decoded.get_srcComponent()) == (7, 3)
         assert decoded.get_type() == kind.msgname
@@ -104,7 +104,7 @@ def test_signed_frames_are_found_and_decoded() -> None:
     sender.signing.sign_outgoing = True
     sender.signing.timestamp = 1
     raw = bytes(_messages(2)[1].pack(sender))
-    codec = Codec(system_id=1, component_id=1)
+    codec = MavlinkCodec(system_id=1, component_id=1)
     frames = codec.split(raw + raw)
     assert [each.signed for each in frames] == [True, True]
     message = codec.decode(frames[0])
@@ -139,7 +139,7 @@ def test_every_frame_is_found_whatever_the_pieces_and_garbage(
 
 @given(st.binary(max_size=600))
 def test_parsing_never_raises(data: bytes) -> None:
-    codec = Codec(system_id=1, component_id=1)
+    codec = MavlinkCodec(system_id=1, component_id=1)
     assert codec.parse(data) == []
 
 
@@ -147,7 +147,7 @@ def test_broken_frames_are_skipped_and_counted() -> None:
     raws = _stream(3)
     broken = bytearray(raws[1])
     broken[12] ^= 0xFF
-    codec = Codec(system_id=1, component_id=1)
+    codec = MavlinkCodec(system_id=1, component_id=1)
     messages = codec.parse(raws[0] + bytes(broken) + raws[2])
     assert [message.get_type() for message in messages] == ["LOCAL_POSITION_NED", "STATUSTEXT"]
     assert codec.garbage_bytes == len(broken)
@@ -163,7 +163,7 @@ def test_unknown_messages_pass_the_splitter_from_known_senders_only() -> None:
     splitter = FrameSplitter()
     assert splitter.feed(_unknown_frame(7)) == []
     assert [each.raw for each in splitter.feed(raw + _unknown_frame(7))] == [raw, _unknown_frame(7)]
-    codec = Codec(system_id=1, component_id=1)
+    codec = MavlinkCodec(system_id=1, component_id=1)
     assert len(codec.parse(raw + _unknown_frame(7) + raw)) == 2
     assert codec.undecodable_frames == 1
 

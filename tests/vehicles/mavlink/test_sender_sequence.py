@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from wil_campaign.vehicles.mavlink.framing import Frame
+from wil_campaign.vehicles.mavlink.framing import MavlinkFrame
 from wil_campaign.vehicles.mavlink.vehicle_frames import SenderSequence
 
-Sent = tuple[float, str, Frame]
+Sent = tuple[float, str, MavlinkFrame]
 
 
 def frames(who: str, count: int, *, first: int, period_s: float, from_s: float = 0.0) -> list[Sent]:
@@ -19,7 +19,9 @@ def frames(who: str, count: int, *, first: int, period_s: float, from_s: float =
         (
             from_s + number * period_s,
             who,
-            Frame(f"{who}{number}".encode(), 32, 1, 1, (first + number) % 256, 2, signed=False),
+            MavlinkFrame(
+                f"{who}{number}".encode(), 32, 1, 1, (first + number) % 256, 2, signed=False
+            ),
         )
         for number in range(count)
     ]

@@ -2,7 +2,7 @@
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from wil_campaign.vehicles.mavlink.framing import Frame
+from wil_campaign.vehicles.mavlink.framing import MavlinkFrame
 from wil_campaign.vehicles.mavlink.vehicle_frames import VehicleFrames
 
 POSITION: int = mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED
@@ -11,8 +11,10 @@ TEXT: int = mavlink.MAVLINK_MSG_ID_STATUSTEXT
 LOG_ENTRY: int = mavlink.MAVLINK_MSG_ID_LOG_ENTRY
 
 
-def frame(who: str, seq: int, message_id: int) -> Frame:
-    return Frame(f"{who}{seq}-{message_id}".encode(), message_id, 1, 1, seq % 256, 2, signed=False)
+def frame(who: str, seq: int, message_id: int) -> MavlinkFrame:
+    return MavlinkFrame(
+        f"{who}{seq}-{message_id}".encode(), message_id, 1, 1, seq % 256, 2, signed=False
+    )
 
 
 def passed(*sent: tuple[str, int, int], frames: VehicleFrames | None = None) -> list[str]:

@@ -4,7 +4,12 @@ import warnings
 
 import numpy as np
 
-from wil_campaign.vehicles.perception.depth_colors import FAR_M, color_depth, depth_scale, far_of
+from wil_campaign.vehicles.perception.depth_colors import (
+    FAR_M,
+    color_depth,
+    common_far_m,
+    depth_scale,
+)
 
 
 def test_near_and_far_differ_and_unmeasured_depth_is_far() -> None:
@@ -31,10 +36,10 @@ def test_the_scale_of_images_shown_together_ends_where_what_they_see_does() -> N
     wall_m = np.full((20, 20), 2.6, np.float32)
     stray_m = wall_m.copy()
     stray_m[0, :2] = (60.0, np.inf)
-    assert far_of([wall_m, stray_m]) == 3.0
-    assert far_of([wall_m, 3.0 * wall_m]) == 8.0
-    assert far_of([np.full((2, 2), np.nan, np.float32)]) == FAR_M
-    assert far_of([1e3 * wall_m]) == 100.0
+    assert common_far_m([wall_m, stray_m]) == 3.0
+    assert common_far_m([wall_m, 3.0 * wall_m]) == 8.0
+    assert common_far_m([np.full((2, 2), np.nan, np.float32)]) == FAR_M
+    assert common_far_m([1e3 * wall_m]) == 100.0
     near, end = color_depth(np.array([[1.0, 3.0]], np.float32), 3.0)[0]
     assert tuple(end) == tuple(color_depth(np.array([[FAR_M]], np.float32))[0, 0])
     assert tuple(near) != tuple(end)

@@ -9,7 +9,7 @@ import pytest
 
 from tests.vehicles.readings.test_readings import ALL, CAMERA
 from wil_campaign.vehicles.readings import Reading, sensor_type_of
-from wil_campaign.vehicles.readings.copies import copied, with_python_numbers
+from wil_campaign.vehicles.readings.copies import copied_reading, with_python_numbers
 
 
 def with_numpy_numbers(value: Any) -> Any:
@@ -49,7 +49,7 @@ def test_numbers_of_numpy_become_python_s_and_arrays_stay(reading: Reading) -> N
 
 
 def test_a_copy_shares_no_array() -> None:
-    copy: Any = copied(CAMERA)
+    copy: Any = copied_reading(CAMERA)
     for name in ("image_bgr", "depth_m", "object_ids"):
         array = getattr(copy, name)
         assert array.flags.writeable

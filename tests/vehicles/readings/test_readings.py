@@ -26,7 +26,7 @@ from wil_campaign.vehicles.readings import (
     samples_from_pressure,
     sensor_type_of,
 )
-from wil_campaign.vehicles.readings.checks import fault_after, fault_of
+from wil_campaign.vehicles.readings.checks import reading_fault, reading_fault_after
 from wil_campaign.worlds.camera import Intrinsics
 from wil_campaign.worlds.frames import Pose
 
@@ -73,15 +73,15 @@ def test_readings_are_frozen_slotted_and_timed(reading: Reading) -> None:
 
 @pytest.mark.parametrize("reading", ALL, ids=sensor_type_of)
 def test_a_good_reading_has_no_fault(reading: Reading) -> None:
-    assert fault_of(reading) is None
-    assert fault_after(reading, None) is None
-    assert fault_after(replace(reading, t_s=1.05), reading) is None
+    assert reading_fault(reading) is None
+    assert reading_fault_after(reading, None) is None
+    assert reading_fault_after(replace(reading, t_s=1.05), reading) is None
 
 
 @pytest.mark.parametrize("reading", ALL, ids=sensor_type_of)
 @pytest.mark.parametrize(("t_s", "arrived_s"), [(NAN, 1.0), (INF, INF), (1.0, NAN), (1.0, 0.5)])
 def test_times_that_cannot_be(reading: Reading, t_s: float, arrived_s: float) -> None:
-    fault = fault_of(replace(reading, t_s=t_s, arrived_s=arrived_s))
+    fault = reading_fault(replace(reading, t_s=t_s, arrived_s=arrived_s))
     assert fault is not None
     assert fault.kind == "time"
 
@@ -89,7 +89,7 @@ def test_times_that_cannot_be(reading: Reading, t_s: float, arrived_s: float) ->
 @pytest.mark.parametrize("reading", ALL, ids=sensor_type_of)
 @pytest.mark.parametrize("t_s", [1.0, 0.9])
 def test_time_that_does_not_advance(reading: Reading, t_s: float) -> None:
-    fault = fault_after(replace(reading, t_s=t_s), reading)
+    fault = reading_fault_after(replace(reading, t_s=t_s), reading)
     assert fault is not None
     assert fault.kind == "backwards"
     assert f"{t_s:.6f}" in fault.detail
@@ -151,26 +151,28 @@ BAD: list[tuple[Reading, dict[str, Any], str]] = [
 def test_the_fault_of_a_bad_reading_is_named(
     reading: Reading, changes: dict[str, Any], kind: str
 ) -> None:
-    fault = fault_of(replace(reading, **changes))
+    fault = reading_fault(replace(reading, **changes))
     assert fault is not None
     assert fault.kind == kind
     assert fault.detail
 
 
 def test_a_range_of_infinity_is_no_fault() -> None:
-    assert fault_of(replace(RANGE, range_m=INF)) is None
-    assert fault_of(replace(SCAN, ranges_m=np.full(4, INF, np.float32))) is None
+    assert reading_fault(replace(RANGE, range_m=INF)) is None
+    assert reading_fault(replace(SCAN, ranges_m=np.full(4, INF, np.float32))) is None
 
 
 def test_a_camera_that_changes_its_size_in_flight() -> None:
     other = replace(CAMERA, t_s=2.0, intrinsics=Intrinsics.from_fov(16, 12, 1.2))
-    fault = fault_after(other, CAMERA)
+    fault = reading_fault_after(other, CAMERA)
     assert fault is not None
     assert (fault.kind, fault.detail) == ("changed", "the image size was 8x6 and is 16x12")
-    focal = fault_after(replace(CAMERA, t_s=2.0, intrinsics=Intrinsics.from_fov(8, 6, 1.0)), CAMERA)
+    focal = reading_fault_after(
+        replace(CAMERA, t_s=2.0, intrinsics=Intrinsics.from_fov(8, 6, 1.0)), CAMERA
+    )
     assert focal is not None
     assert focal.kind == "changed"
-    kind = fault_after(IMU, POSE)
+    kind = reading_fault_after(IMU, POSE)
     assert kind is not None
     assert kind.kind == "changed"
 

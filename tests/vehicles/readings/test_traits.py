@@ -9,21 +9,21 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from wil_campaign.orchestrator.recording.mcap.mcap_bodies import body_of
-from wil_campaign.orchestrator.recording.mcap.mcap_decode import decode
-from wil_campaign.orchestrator.recording.mcap.mcap_schemas import schemas
-from wil_campaign.recipes.model.registry import Context, find
+from wil_campaign.orchestrator.recording.mcap.mcap_bodies import reading_body
+from wil_campaign.orchestrator.recording.mcap.mcap_decode import decode_reading_message
+from wil_campaign.orchestrator.recording.mcap.mcap_schemas import mcap_schema_texts
+from wil_campaign.recipes.model.registry import StepContext, find_step
 from wil_campaign.recipes.pipeline.autonomy_readings import without_ground_truth
 from wil_campaign.recipes.working import CannotMixError, Masked, element_shape
 from wil_campaign.vehicles.readings import kinds
-from wil_campaign.vehicles.readings.checks import fault_of
-from wil_campaign.vehicles.readings.faults import array_fault, ids_fault
+from wil_campaign.vehicles.readings.checks import reading_fault
+from wil_campaign.vehicles.readings.faults import array_fault, object_ids_fault
 from wil_campaign.vehicles.readings.messages import (
     NUMBER,
-    encode,
-    numbers,
+    encode_message,
+    numbers_to_json,
     schema_of_array,
-    stamped,
+    stamped_message_schema,
 )
 from wil_campaign.vehicles.readings.numbers import NumbersReading
 from wil_campaign.vehicles.readings.traits import ReadingTraits
@@ -46,8 +46,8 @@ def mismatch(upper: EchoReading, lower: EchoReading) -> str:
 
 TRAITS = ReadingTraits(
     fault=lambda r: array_fault(r.levels, (None,), np.float32, "echoes"),
-    schema=stamped("lab.Echoes", levels=schema_of_array(NUMBER)),
-    encode=lambda r: ({"levels": numbers(r.levels)}, None),
+    schema=stamped_message_schema("lab.Echoes", levels=schema_of_array(NUMBER)),
+    encode=lambda r: ({"levels": numbers_to_json(r.levels)}, None),
     decode=lambda document, _: {"levels": np.array(document["levels"], np.float32)},
     compared=lambda r: (r.levels.tobytes(),),
     elements="levels",
@@ -66,7 +66,7 @@ def echoes(*levels: float, t_s: float = 1.0) -> Any:
 @pytest.fixture(autouse=True)
 def _sonar(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     specs = {**kinds.sensor_specs(), "sonar": SensorSpec("sonar", EchoReading, traits=TRAITS)}
-    known = (kinds._traits, kinds._names, schemas)
+    known = (kinds._traits, kinds._names, mcap_schema_texts)
     for each in known:
         each.cache_clear()
     for place in ("vehicles.readings.kinds", "orchestrator.recording.mcap.mcap_decode"):
@@ -79,12 +79,12 @@ def _sonar(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 
 
 def test_it_is_checked_and_its_elements_are_counted() -> None:
-    assert fault_of(echoes(1.0, 2.0)) is None
+    assert reading_fault(echoes(1.0, 2.0)) is None
     wrong = EchoReading(t_s=1.0, arrived_s=1.0, seq=0, source="twin", levels=np.zeros((2, 2)))  # type: ignore[arg-type]
-    fault = fault_of(wrong)
+    fault = reading_fault(wrong)
     assert fault is not None
     assert fault.kind == "type"
-    assert ids_fault(np.zeros(3, np.uint8), (2,)) is not None
+    assert object_ids_fault(np.zeros(3, np.uint8), (2,)) is not None
     assert element_shape(echoes(1.0, 2.0)) == (2,)
 
 
@@ -110,26 +110,26 @@ def test_no_other_type_and_no_check_of_its_own_switches_a_check_off(
     sounding: Any = SoundingReading(
         t_s=1.0, arrived_s=1.0, seq=0, source="twin", depth_m=float("nan")
     )
-    fault = fault_of(sounding)
+    fault = reading_fault(sounding)
     assert fault is not None
     assert fault.kind == "not_finite"
 
 
 def test_it_is_recorded_and_read_back() -> None:
-    title, fields, data = body_of(echoes(0.1, 2.0))
+    title, fields, data = reading_body(echoes(0.1, 2.0))
     assert (title, data) == ("lab.Echoes", None)
-    assert json.loads(schemas()["lab.Echoes"])["properties"]["levels"]["type"] == "array"
+    assert json.loads(mcap_schema_texts()["lab.Echoes"])["properties"]["levels"]["type"] == "array"
     stamps = {"type": "sonar", "t_s": 1.0, "arrived_s": 1.0, "seq": 3, "source": "twin"}
-    again: Any = decode(json.loads(encode({**fields, "wil": stamps})), {})
+    again: Any = decode_reading_message(json.loads(encode_message({**fields, "wil": stamps})), {})
     assert isinstance(again, EchoReading)
     assert np.array_equal(again.levels, np.array([0.1, 2.0], np.float32))
 
 
 def test_it_is_laid_over_another_and_its_objects_are_isolated() -> None:
-    laid, kept = find("overlay"), find("isolate_objects")
+    laid, kept = find_step("overlay"), find_step("isolate_objects")
     assert laid is not None
     assert kept is not None
-    built: Any = laid.build(laid.parameters(), Context())
+    built: Any = laid.build(laid.parameters(), StepContext())
     mask = np.array([255, 0], np.uint8)
     below = echoes(5.0, 6.0)
     made = built({"real": Masked(below), "twin": Masked(echoes(1.0, 2.0), mask)})

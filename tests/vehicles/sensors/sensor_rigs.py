@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from wil_campaign.vehicles.readings import Reading
-from wil_campaign.vehicles.readings.checks import fault_of
+from wil_campaign.vehicles.readings.checks import reading_fault
 from wil_campaign.vehicles.sensors.noise_sets import NoiseSetName
 from wil_campaign.vehicles.sensors.truth import Truth
 from wil_campaign.worlds.frames import Pose
@@ -45,7 +45,7 @@ def require_repeatable(
     equal = [a == b for a, b in zip(run(3), run(4), strict=True)]
     assert equal == [not noisy] * len(equal)
     for sample in sampling(sensors(kind)):
-        assert fault_of(sample(1.0, rng())) is None
+        assert reading_fault(sample(1.0, rng())) is None
 
 
 def _flat(reading: Reading) -> str:

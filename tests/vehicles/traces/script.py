@@ -8,7 +8,7 @@ from typing import Any
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from wil_campaign.vehicles.links.link import Link
-from wil_campaign.vehicles.mavlink.codec import Codec
+from wil_campaign.vehicles.mavlink.codec import MavlinkCodec
 
 NAN = math.nan
 NORTH_2_M_S, STILL = (2.0, 0.0, 0.0), (0.0, 0.0, 0.0)
@@ -20,7 +20,7 @@ class Script:
     def __init__(self, *, link: Link, component: int) -> None:
         self.frames: list[tuple[float, bytes]] = []
         self.last: dict[str, Any] = {}
-        self._codec = Codec(system_id=250, component_id=component)
+        self._codec = MavlinkCodec(system_id=250, component_id=component)
         self._heard = asyncio.Event()
         self._link = link
         link.receive(self._on_bytes)

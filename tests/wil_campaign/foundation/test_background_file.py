@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from wil_campaign.foundation import background_file
-from wil_campaign.foundation.background_file import BackgroundFile, Patience
+from wil_campaign.foundation.background_file import BackgroundFile, DiskPatience
 
 BLOCK = b"." * 1000
 
@@ -235,7 +235,7 @@ def test_an_end_that_no_disk_takes_is_an_error(
     monkeypatch.setattr(background_file, "_MOST_POLLS", 2)
     monkeypatch.setattr(background_file, "_LEAST_POLLS", 2)
     file = BackgroundFile(stalled.path, append=True)
-    monkeypatch.setattr(file, "_patience", Patience())
+    monkeypatch.setattr(file, "_patience", DiskPatience())
     file.write(10 * BLOCK)
     with pytest.raises(TimeoutError, match=r"the disk takes nothing, 0\.0 MB are lost"):
         file.close()
@@ -245,7 +245,7 @@ def test_an_end_that_no_disk_takes_is_an_error(
 
 def test_a_slow_disk_is_waited_for_while_it_takes_something() -> None:
     """All files of a process wait together: after a first one the others add half a second each."""
-    patience = Patience()
+    patience = DiskPatience()
     assert all(patience.waits_on(poll) for poll in range(240))
     patience.renew()
     assert all(patience.waits_on(poll) for poll in range(240))
@@ -259,14 +259,14 @@ def test_a_slow_disk_is_waited_for_while_it_takes_something() -> None:
 @pytest.mark.parametrize(("is_brief", "in_all"), [(False, 800), (True, 240)])
 def test_a_slow_disk_is_not_waited_for_without_end(*, is_brief: bool, in_all: int) -> None:
     """The pool kills the process of a run after 60 s, and a guard's end is waited for 15 s."""
-    patience = Patience()
+    patience = DiskPatience()
     waits = []
     for poll in range(1000):
         waits.append(patience.waits_on(poll, is_brief=is_brief))
         patience.renew()
     assert waits == (in_all - 40) * [True] + (1040 - in_all) * [False]
 
-    patience = Patience()
+    patience = DiskPatience()
     polls = 0
     while polls < 1000 and patience.waits_on(polls, is_brief=is_brief):
         patience.renew()
@@ -280,7 +280,7 @@ def test_a_slow_disk_is_not_waited_for_without_end(*, is_brief: bool, in_all: in
 def test_the_files_of_a_later_run_have_patience_of_their_own(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    patience = Patience()
+    patience = DiskPatience()
     monkeypatch.setattr(background_file, "patience", patience)
     for _ in range(1000):
         patience.waits_on(0)
@@ -312,7 +312,7 @@ def test_an_end_that_the_disk_takes_too_slowly_is_an_error(
 
     monkeypatch.setattr(BackgroundFile, "_put", slowly)
     file = BackgroundFile(tmp_path / "file", waits=False)
-    monkeypatch.setattr(file, "_patience", Patience())
+    monkeypatch.setattr(file, "_patience", DiskPatience())
     write(file, 500)
     with pytest.raises(TimeoutError, match=r"the disk takes too little, 0\.[1-5] MB are lost"):
         file.close()

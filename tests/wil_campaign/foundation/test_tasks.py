@@ -7,14 +7,14 @@ import pytest
 
 from wil_campaign.foundation.clocks.virtual_loop import run_virtual
 from wil_campaign.foundation.tasks import (
-    Contained,
+    SuppressedErrors,
     TaskAccount,
-    finish,
-    leaves,
-    raising_first_of,
-    start,
-    stop,
-    together,
+    finish_in_task,
+    leaf_errors,
+    open_task_group,
+    raising_first_task_error,
+    start_task,
+    stop_tasks,
 )
 
 
@@ -50,17 +50,17 @@ async def fail(error: BaseException) -> None:
 
 
 async def fail_together(count: int) -> None:
-    async with together() as tasks:
+    async with open_task_group() as tasks:
         for number in range(count):
             tasks.create_task(fail(ExpectedError()), name=f"task {number}")
 
 
 def test_tasks_that_return_or_are_stopped_are_no_faults() -> None:
     async def main() -> None:
-        task = start(wait(), name="stopped")
+        task = start_task(wait(), name="stopped")
         await asyncio.sleep(1.0)
-        await stop(task)
-        async with together() as tasks:
+        await stop_tasks(task)
+        async with open_task_group() as tasks:
             tasks.create_task(wait(), name="returns")
 
     assert faults_of(main) == []
@@ -68,17 +68,17 @@ def test_tasks_that_return_or_are_stopped_are_no_faults() -> None:
 
 def test_an_unexpected_exception_is_a_fault_also_when_its_task_is_stopped_later() -> None:
     async def main() -> None:
-        task = start(fail(KeyError("x")), name="fails")
+        task = start_task(fail(KeyError("x")), name="fails")
         await asyncio.sleep(2.0)
         with pytest.raises(KeyError):
-            await stop(task)
+            await stop_tasks(task)
 
     assert faults_of(main) == [("KeyError", "fails")]
 
 
 def test_an_unrequested_cancellation_is_a_fault() -> None:
     async def main() -> None:
-        async with together() as tasks:
+        async with open_task_group() as tasks:
             tasks.create_task(fail(asyncio.CancelledError()), name="child")
 
     assert faults_of(main) == [("CancelledError", "child")]
@@ -86,8 +86,8 @@ def test_an_unrequested_cancellation_is_a_fault() -> None:
 
 def test_an_expected_error_is_a_fault_only_when_it_is_not_read() -> None:
     async def main() -> None:
-        start(fail(ExpectedError()), name="unread")
-        read = start(fail(ExpectedError()), name="read")
+        start_task(fail(ExpectedError()), name="unread")
+        read = start_task(fail(ExpectedError()), name="read")
         with pytest.raises(ExpectedError):
             await read
 
@@ -96,7 +96,7 @@ def test_an_expected_error_is_a_fault_only_when_it_is_not_read() -> None:
 
 def test_a_task_that_still_runs_at_the_end_is_a_fault() -> None:
     async def main() -> None:
-        start(wait(), name="left over")
+        start_task(wait(), name="left over")
 
     assert faults_of(main) == [("RuntimeError", "left over")]
 
@@ -109,11 +109,11 @@ def test_a_task_that_must_finish_is_not_cut_off_by_cancellations() -> None:
         done.append(asyncio.get_running_loop().time())
 
     async def main() -> None:
-        task = start(finish(landing(), name="landing"), name="flight")
+        task = start_task(finish_in_task(landing(), name="landing"), name="flight")
         for _ in range(3):
             await asyncio.sleep(1.0)
             task.cancel()
-        await stop(task)
+        await stop_tasks(task)
         assert task.cancelled()
 
     assert faults_of(main) == []
@@ -132,24 +132,24 @@ def test_a_group_raises_a_single_error_as_it_is_and_several_as_a_group() -> None
 
 def test_the_first_error_of_a_kind_leaves_its_group_alone() -> None:
     expected, other = ExpectedError("first"), KeyError("other")
-    with pytest.raises(ExpectedError) as single, raising_first_of(ExpectedError, OSError):
+    with pytest.raises(ExpectedError) as single, raising_first_task_error(ExpectedError, OSError):
         raise ExceptionGroup("tasks", [ExceptionGroup("inner", [expected, OSError("second")])])
     assert single.value is expected
-    with pytest.raises(ExceptionGroup) as several, raising_first_of(ExpectedError):
+    with pytest.raises(ExceptionGroup) as several, raising_first_task_error(ExpectedError):
         raise ExceptionGroup("tasks", [other, expected])
-    assert leaves(several.value) == [expected, other]
-    with pytest.raises(ExceptionGroup) as none, raising_first_of(ExpectedError):
+    assert leaf_errors(several.value) == [expected, other]
+    with pytest.raises(ExceptionGroup) as none, raising_first_task_error(ExpectedError):
         raise ExceptionGroup("tasks", [other])
-    assert leaves(none.value) == [other]
-    with pytest.raises(KeyError), raising_first_of(ExpectedError):
+    assert leaf_errors(none.value) == [other]
+    with pytest.raises(KeyError), raising_first_task_error(ExpectedError):
         raise other
 
 
 def test_a_contained_exception_is_reported_and_ctrl_c_is_not_contained() -> None:
     async def main() -> None:
-        with Contained("a listener"):
+        with SuppressedErrors("a listener"):
             raise KeyError("x")
-        with pytest.raises(KeyboardInterrupt), Contained("a listener"):
+        with pytest.raises(KeyboardInterrupt), SuppressedErrors("a listener"):
             raise KeyboardInterrupt
 
     assert faults_of(main) == [("KeyError", "a listener")]
@@ -159,7 +159,7 @@ def test_what_is_to_be_finished_is_given_up_with_its_loop() -> None:
     """A second interrupt breaks a loop off; Python then closes the coroutines that it left."""
     with asyncio.Runner() as runner:
         loop = runner.get_loop()
-        landing = finish(asyncio.sleep(600.0), name="landing")
+        landing = finish_in_task(asyncio.sleep(600.0), name="landing")
         task = loop.create_task(landing)
         runner.run(asyncio.sleep(0.0))
         landing.close()

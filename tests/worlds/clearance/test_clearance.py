@@ -14,11 +14,11 @@ from wil_campaign.worlds.clearance.clearance import (
     ClearanceProbe,
     SphereShape,
 )
-from wil_campaign.worlds.clearance.distance import BodySolid, Gap, PartSolid
+from wil_campaign.worlds.clearance.distance import BodySolid, PartGap, PartSolid
 from wil_campaign.worlds.frames import Pose, Vec3, angle_between, matrix_from_quat, quat_normalize
 from wil_campaign.worlds.scene import shapes
-from wil_campaign.worlds.scene.motion import Motion, StartAt, Waypoint
-from wil_campaign.worlds.scene.parts import Part, SurfaceShape
+from wil_campaign.worlds.scene.motion import ObjectMotion, StartAtTime, Waypoint
+from wil_campaign.worlds.scene.parts import SolidPart, SurfaceShape
 from wil_campaign.worlds.scene.scene import Scene, SceneObject
 from wil_campaign.worlds.scene.shapes import Shape
 
@@ -35,7 +35,7 @@ def poses(draw: st.DrawFn) -> Pose:
     return Pose(draw(points), quat_normalize(q))
 
 
-def one(shape: Shape, pose: Pose, motion: Motion | None = None) -> Scene:
+def one(shape: Shape, pose: Pose, motion: ObjectMotion | None = None) -> Scene:
     return Scene((SceneObject(1, "thing", shape, pose, motion),))
 
 
@@ -52,7 +52,7 @@ def triangles_of(vertices: np.ndarray, faces: np.ndarray) -> fcl.CollisionObject
 
 
 def box_triangles(half: Vec3) -> fcl.CollisionObject:
-    mesh = shapes.box((2 * half[0], 2 * half[1], 2 * half[2])).mesh
+    mesh = shapes.box_shape((2 * half[0], 2 * half[1], 2 * half[2])).mesh
     return triangles_of(mesh.vertices_m, mesh.faces)
 
 
@@ -91,19 +91,21 @@ def assert_as_sampled(scene: Scene, a: Pose, b: Pose) -> None:
     Pose((1.0, 0.0, 0.0), quat_normalize((1.0, 1.0, 0.0, 0.0))),
 )
 def test_box_past_a_square_gate(a: Pose, b: Pose, place: Pose) -> None:
-    assert_as_sampled(one(shapes.gate("square", 1.0, 0.1), place), a, b)
+    assert_as_sampled(one(shapes.gate_shape("square", 1.0, 0.1), place), a, b)
 
 
 @settings(max_examples=25, deadline=None)
 @given(poses(), poses())
 def test_box_past_a_ring(a: Pose, b: Pose) -> None:
-    assert_as_sampled(one(shapes.gate("ring", 0.8, 0.06), Pose.of(0, 0, 0, yaw_rad=0.3)), a, b)
+    assert_as_sampled(
+        one(shapes.gate_shape("ring", 0.8, 0.06), Pose.of(0, 0, 0, yaw_rad=0.3)), a, b
+    )
 
 
 @settings(max_examples=25, deadline=None)
 @given(poses(), poses())
 def test_box_past_a_quadrotor(a: Pose, b: Pose) -> None:
-    assert_as_sampled(one(shapes.quadrotor(0.5), Pose.of(0, 0, 0.1, pitch_rad=0.2)), a, b)
+    assert_as_sampled(one(shapes.quadrotor_shape(0.5), Pose.of(0, 0, 0.1, pitch_rad=0.2)), a, b)
 
 
 def box_distance(point: Vec3, half: Vec3) -> float:
@@ -113,7 +115,7 @@ def box_distance(point: Vec3, half: Vec3) -> float:
 @settings(max_examples=60, deadline=None)
 @given(points, points, poses())
 def test_ball_past_a_box_by_formula(a: Vec3, b: Vec3, place: Pose) -> None:
-    scene, radius_m = one(shapes.box((0.4, 0.02, 0.8)), place), 0.1
+    scene, radius_m = one(shapes.box_shape((0.4, 0.02, 0.8)), place), 0.1
     found = ClearanceProbe(scene, SphereShape(radius_m), within_m=100.0).sweep(
         Pose(a), 0.0, Pose(b), 1.0
     )
@@ -127,12 +129,12 @@ def test_ball_past_a_box_by_formula(a: Vec3, b: Vec3, place: Pose) -> None:
 @example(Pose.of(1, 0, 0), Pose.of(1, 0.2, 0), (-4e-25, 0.0, 0.0), (-0.8, 0.5, 1.0), 2.0)
 def test_both_move_round_a_corner(a: Pose, b: Pose, via: Vec3, end: Vec3, yaw: float) -> None:
     assume(angle_between(a.q_wxyz, b.q_wxyz) < math.pi - 1e-3)
-    motion = Motion(
+    motion = ObjectMotion(
         Pose((0.0, 0.0, 0.0)),
         (Waypoint(via, 4.0, yaw), Waypoint(end, 6.0)),
-        StartAt(0.1),
+        StartAtTime(0.1),
     )
-    scene = one(shapes.gate("square", 0.6, 0.1), motion.begin, motion)
+    scene = one(shapes.gate_shape("square", 0.6, 0.1), motion.begin, motion)
     swept = least(ClearanceProbe(scene, BODY, within_m=100.0).sweep(a, 0.0, b, 1.0))
     dense = sampled(scene, a, b, 300)
     assert dense - 0.05 <= swept <= dense + EXACT_M
@@ -140,8 +142,8 @@ def test_both_move_round_a_corner(a: Pose, b: Pose, via: Vec3, end: Vec3, yaw: f
 
 def test_a_thing_that_jumps_is_measured_before_and_after() -> None:
     """A speed that carries a thing from here to there in no time ends no search."""
-    motion = Motion(Pose.of(3, 0, 0), (Waypoint((3.0, 9.0, 0.0), 1e30),), StartAt(0.3))
-    scene = one(shapes.gate("square", 0.6, 0.1), motion.begin, motion)
+    motion = ObjectMotion(Pose.of(3, 0, 0), (Waypoint((3.0, 9.0, 0.0), 1e30),), StartAtTime(0.3))
+    scene = one(shapes.gate_shape("square", 0.6, 0.1), motion.begin, motion)
     still = Pose.of(1, 0.35, 0)
     found = least(ClearanceProbe(scene, BODY, within_m=100.0).sweep(still, 0.0, still, 1.0))
     assert found == pytest.approx(1.8, abs=EXACT_M)
@@ -152,7 +154,7 @@ def test_a_thing_that_jumps_is_measured_before_and_after() -> None:
 def test_a_thin_sheet_between_two_samples_is_hit(
     thickness_m: float, body: BoxShape | SphereShape
 ) -> None:
-    scene = one(shapes.box((thickness_m, 2.0, 2.0)), Pose.of(0.3, 0, 0))
+    scene = one(shapes.box_shape((thickness_m, 2.0, 2.0)), Pose.of(0.3, 0, 0))
     found = ClearanceProbe(scene, body).sweep(Pose.of(-5, 0, 0), 3.0, Pose.of(5, 0, 0), 4.0)
     assert found[0].clearance_m == 0.0
     assert found[0].at_s == pytest.approx(3.53, abs=0.02)
@@ -161,7 +163,9 @@ def test_a_thin_sheet_between_two_samples_is_hit(
 def test_a_sheet_of_triangles_is_hit_too() -> None:
     corners = np.array([[0.0, -1, -1], [0, 1, -1], [0, 1, 1], [0, -1, 1]], np.float64)
     surface = SurfaceShape(corners, np.array([[0, 1, 2], [0, 2, 3]], np.int32))
-    shape = Shape("mesh", shapes.box((1.0, 1.0, 1.0)).mesh, (Part("s", surface, Pose((0, 0, 0))),))
+    shape = Shape(
+        "mesh", shapes.box_shape((1.0, 1.0, 1.0)).mesh, (SolidPart("s", surface, Pose((0, 0, 0))),)
+    )
     probe = ClearanceProbe(one(shape, Pose.of(0, 0, 0)), BODY)
     assert least(probe.sweep(Pose.of(-3, 0, 0), 0.0, Pose.of(3, 0, 0), 1.0)) == 0.0
     beside = probe.sweep(Pose.of(-3, 1.25, 0), 0.0, Pose.of(3, 1.25, 0), 1.0)
@@ -169,7 +173,7 @@ def test_a_sheet_of_triangles_is_hit_too() -> None:
 
 
 def test_the_middle_of_a_gate_is_no_contact_and_names_the_bar() -> None:
-    scene = one(shapes.gate("square", 1.0, 0.1), Pose.of(3, 0, 1.2))
+    scene = one(shapes.gate_shape("square", 1.0, 0.1), Pose.of(3, 0, 1.2))
     probe = ClearanceProbe(scene, BODY)
     (found,) = probe.sweep(Pose.of(2, 0.1, 1.2), 0.0, Pose.of(4, 0.1, 1.2), 2.0)
     assert (found.object_name, found.part_name) == ("thing", "right")
@@ -179,7 +183,7 @@ def test_the_middle_of_a_gate_is_no_contact_and_names_the_bar() -> None:
 
 
 def cage() -> Scene:
-    return Scene((SceneObject(1, "cage", shapes.room(6, 6, 2.5), Pose.of(0, 0, 0)),))
+    return Scene((SceneObject(1, "cage", shapes.room_shape(6, 6, 2.5), Pose.of(0, 0, 0)),))
 
 
 def test_inside_of_a_room_is_free_and_its_floor_is_distinguished() -> None:
@@ -210,7 +214,7 @@ def test_flying_out_through_a_wall_or_a_corner_is_contact() -> None:
 
 
 def test_a_far_or_excluded_thing_is_not_reported() -> None:
-    scene = one(shapes.gate("square", 1.0, 0.1), Pose.of(30, 0, 1.2))
+    scene = one(shapes.gate_shape("square", 1.0, 0.1), Pose.of(30, 0, 1.2))
     still = Pose.of(0, 0, 1)
     assert ClearanceProbe(scene, BODY).sweep(still, 0.0, still, 1.0) == ()
     assert (
@@ -225,8 +229,8 @@ def test_the_least_of_a_run_is_exact_however_it_is_asked(seed: int) -> None:
     rng = np.random.default_rng(seed)
     scene = Scene(
         (
-            SceneObject(1, "cage", shapes.room(6, 6, 2.5), Pose.of(0, 0, 0)),
-            SceneObject(2, "gate", shapes.gate("square", 1.0, 0.1), Pose.of(1, 0, 1.2)),
+            SceneObject(1, "cage", shapes.room_shape(6, 6, 2.5), Pose.of(0, 0, 0)),
+            SceneObject(2, "gate", shapes.gate_shape("square", 1.0, 0.1), Pose.of(1, 0, 1.2)),
         )
     )
     steps = np.cumsum(rng.normal(0.0, 0.04, (60, 3)), axis=0) + np.array([0.0, 0.0, 1.2])
@@ -262,14 +266,14 @@ def test_a_walking_person_costs_few_measurements_a_stretch(
     measured = 0
     gap = BodySolid.gap
 
-    def counted(solid: BodySolid, pose: Pose, part: PartSolid) -> Gap:
+    def counted(solid: BodySolid, pose: Pose, part: PartSolid) -> PartGap:
         nonlocal measured
         measured += 1
         return gap(solid, pose, part)
 
     monkeypatch.setattr(BodySolid, "gap", counted)
-    motion = Motion(Pose((2.5, -1.5, 0.0)), (Waypoint((2.5, 3.0, 0.0), 1.4),))
-    scene = one(shapes.person(), motion.begin, motion)
+    motion = ObjectMotion(Pose((2.5, -1.5, 0.0)), (Waypoint((2.5, 3.0, 0.0), 1.4),))
+    scene = one(shapes.person_shape(), motion.begin, motion)
     probe = ClearanceProbe(scene, BODY, within_m=10.0)
     stretches = 50
     for step in range(stretches):

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from wil_campaign.worlds.clearance.gjk import PRECISION_M, convex_distance, posed_distance
+from wil_campaign.worlds.clearance.gjk import PRECISION_M, convex_distance, posed_convex_distance
 from wil_campaign.worlds.frames import Quat, Vec3, quat_normalize
 
 CUBE = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], np.float64)
@@ -48,7 +48,7 @@ def turned(corners: np.ndarray, position: Vec3, q: Quat) -> np.ndarray:
 @given(halves, halves, positions, quats)
 def test_two_boxes(half_a: Vec3, half_b: Vec3, position: Vec3, q: Quat) -> None:
     body, other = CUBE * np.array(half_a), CUBE * np.array(half_b)
-    distance, direction, at_least = posed_distance(body, position, q, other)
+    distance, direction, at_least = posed_convex_distance(body, position, q, other)
     assert at_least <= distance + 1e-12
     assert distance - at_least <= PRECISION_M
     by_triangles = triangle_distance(turned(body, position, q), other)
@@ -68,7 +68,7 @@ def test_a_hovering_box_beside_a_bar_is_where_it_is() -> None:
     for yaw_quarters in range(4):
         half = yaw_quarters * math.pi / 4
         q = (math.cos(half), 0.0, 0.0, math.sin(half))
-        distance, _, _ = posed_distance(body, (1.0, 0.55, 0.0), q, bar)
+        distance, _, _ = posed_convex_distance(body, (1.0, 0.55, 0.0), q, bar)
         assert distance == pytest.approx(math.hypot(0.8, 0.35), abs=1e-9)
 
 

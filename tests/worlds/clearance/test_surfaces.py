@@ -10,17 +10,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from wil_campaign.worlds.clearance.clearance import BoxShape, ClearanceProbe, SphereShape
-from wil_campaign.worlds.clearance.gjk import convex_distance, placed
+from wil_campaign.worlds.clearance.gjk import convex_distance, hull_at_pose
 from wil_campaign.worlds.clearance.surfaces import (
     LEAF,
+    is_swept_beyond,
     surface_distance,
-    swept_beyond,
     triangle_tree,
 )
 from wil_campaign.worlds.frames import Pose
-from wil_campaign.worlds.scene.parts import Part, SurfaceShape
+from wil_campaign.worlds.scene.parts import SolidPart, SurfaceShape
 from wil_campaign.worlds.scene.scene import Scene, SceneObject
-from wil_campaign.worlds.scene.shapes import Shape, box
+from wil_campaign.worlds.scene.shapes import Shape, box_shape
 
 CUBE = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], np.float64)
 BODY = CUBE * (0.15, 0.1, 0.05)
@@ -44,7 +44,7 @@ def random_pose(rng: np.random.Generator) -> Pose:
 
 
 def at(pose: Pose) -> np.ndarray:
-    return np.asarray(placed(BODY, pose.position_ned_m, pose.q_wxyz))
+    return np.asarray(hull_at_pose(BODY, pose.position_ned_m, pose.q_wxyz))
 
 
 def one_by_one(hull: np.ndarray, corners: np.ndarray, faces: np.ndarray) -> float:
@@ -67,7 +67,7 @@ def test_the_distance_to_a_surface_is_that_of_fcl(seed: int) -> None:
     rng = np.random.default_rng(seed)
     corners, pose = rng.normal(size=(30, 3)), random_pose(rng)
     faces = np.arange(30, dtype=np.int32).reshape(-1, 3)
-    sides = box((2.0, 2.0, 2.0)).mesh
+    sides = box_shape((2.0, 2.0, 2.0)).mesh
     solids = []
     for vertices, triangles in (
         (sides.vertices_m * (0.15, 0.1, 0.05), sides.faces),
@@ -93,7 +93,7 @@ def test_a_sweep_is_beyond_exactly_when_its_hull_is(seed: int, count: int, m: fl
     first, last = random_pose(rng), random_pose(rng)
     distance = one_by_one(np.concatenate([at(first), at(last)]), corners, faces)
     begin, end = ((each.position_ned_m, each.q_wxyz) for each in (first, last))
-    beyond = swept_beyond(BODY, begin, end, triangle_tree(corners, faces), m)
+    beyond = is_swept_beyond(BODY, begin, end, triangle_tree(corners, faces), m)
     if abs(distance - m) > 1e-6:
         assert beyond == (distance > m)
 
@@ -124,8 +124,8 @@ def sheet_scene() -> Scene:
     a, b = index[:-1, :-1].ravel(), index[:-1, 1:].ravel()
     c, d = index[1:, 1:].ravel(), index[1:, :-1].ravel()
     faces = np.concatenate([np.stack([a, c, b], -1), np.stack([a, d, c], -1)]).astype(np.int32)
-    part = Part("surface", SurfaceShape(corners, faces), Pose((0.0, 0.0, 0.0)))
-    shape = Shape("mesh", box((1.0, 1.0, 1.0)).mesh, (part,))
+    part = SolidPart("surface", SurfaceShape(corners, faces), Pose((0.0, 0.0, 0.0)))
+    shape = Shape("mesh", box_shape((1.0, 1.0, 1.0)).mesh, (part,))
     return Scene((SceneObject(1, "sheet", shape, Pose.of(0, 0, 0)),))
 
 

@@ -7,8 +7,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from wil_campaign.worlds.frames import Quat, matrix_from_quat, quat_from_euler
-from wil_campaign.worlds.render.arrays import View
-from wil_campaign.worlds.render.placing import NEAR_M, place
+from wil_campaign.worlds.render.arrays import ViewArrays
+from wil_campaign.worlds.render.placing import NEAR_M, place_objects
 
 OPTICAL_FROM_FRD = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
 LIGHTS_NED = np.array([[-0.5, 0.3, -0.81], [0.0, 0.0, -1.0]])
@@ -17,10 +17,12 @@ PLACES = st.tuples(*(st.floats(-20.0, 20.0) for _ in range(3)))
 FX, FY, CX, CY, WIDTH, HEIGHT = 60.0, 80.0, 33.0, 22.0, 64, 48
 
 
-def placed(q_wxyz: Quat, at: tuple[float, ...], turns: np.ndarray, places: np.ndarray) -> View:
+def placed(
+    q_wxyz: Quat, at: tuple[float, ...], turns: np.ndarray, places: np.ndarray
+) -> ViewArrays:
     """Return the view of three closed unit spheres around a place of their own frames."""
     count = len(places)
-    view = View(
+    view = ViewArrays(
         rotations=np.empty((count, 3, 3)),
         shifts=np.empty((count, 3)),
         lights=np.empty((count, 2, 3)),
@@ -34,7 +36,7 @@ def placed(q_wxyz: Quat, at: tuple[float, ...], turns: np.ndarray, places: np.nd
         width=WIDTH,
         height=HEIGHT,
     )
-    place(q_wxyz, at, turns, places, np.tile([0.5, 0.0, -0.5, 1.0], (count, 1)), view)
+    place_objects(q_wxyz, at, turns, places, np.tile([0.5, 0.0, -0.5, 1.0], (count, 1)), view)
     return view
 
 

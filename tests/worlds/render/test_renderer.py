@@ -8,11 +8,11 @@ import pytest
 
 from wil_campaign.worlds.camera import Intrinsics
 from wil_campaign.worlds.frames import Pose, matrix_from_quat
-from wil_campaign.worlds.rays.raycast import RayCaster
+from wil_campaign.worlds.rays.raycast import SceneRayCaster
 from wil_campaign.worlds.render.placing import NEAR_M
 from wil_campaign.worlds.render.renderer import Renderer, RenderOutput
 from wil_campaign.worlds.scene import meshes, shapes
-from wil_campaign.worlds.scene.motion import Motion, StartOn, Waypoint
+from wil_campaign.worlds.scene.motion import ObjectMotion, StartOnEvent, Waypoint
 from wil_campaign.worlds.scene.scene import Scene, SceneObject
 from wil_campaign.worlds.scene.shapes import Shape
 
@@ -23,14 +23,17 @@ SKEWED = Intrinsics(200, 150, 140.0, 180.0, 61.5, 90.25)
 def cage_scene() -> Scene:
     return Scene(
         (
-            SceneObject(7, "cage", shapes.room(6, 6, 2.5), Pose.of(1.5, 0, 0)),
-            SceneObject(2, "gate", shapes.gate("square", 1.0, 0.1), Pose.of(3, 0, 1.2)),
+            SceneObject(7, "cage", shapes.room_shape(6, 6, 2.5), Pose.of(1.5, 0, 0)),
+            SceneObject(2, "gate", shapes.gate_shape("square", 1.0, 0.1), Pose.of(3, 0, 1.2)),
             SceneObject(
-                9, "ring", shapes.gate("ring", 0.6, 0.08), Pose.of(3.5, -1, 1.4, yaw_rad=0.7)
+                9, "ring", shapes.gate_shape("ring", 0.6, 0.08), Pose.of(3.5, -1, 1.4, yaw_rad=0.7)
             ),
-            SceneObject(200, "person", shapes.person(), Pose.of(2.6, 1.1, 0, yaw_rad=2.5)),
+            SceneObject(200, "person", shapes.person_shape(), Pose.of(2.6, 1.1, 0, yaw_rad=2.5)),
             SceneObject(
-                5, "drone", shapes.quadrotor(), Pose.of(1.5, -0.6, 1.5, roll_rad=0.2, yaw_rad=0.4)
+                5,
+                "drone",
+                shapes.quadrotor_shape(),
+                Pose.of(1.5, -0.6, 1.5, roll_rad=0.2, yaw_rad=0.4),
             ),
         )
     )
@@ -53,7 +56,7 @@ def cast_picture(scene: Scene, pose: Pose, camera: Intrinsics) -> tuple[np.ndarr
     rays = np.stack([np.ones_like(across), across, down], axis=-1).reshape(-1, 3)
     lengths = np.linalg.norm(rays, axis=1)
     directions = (rays / lengths[:, None]) @ matrix_from_quat(pose.q_wxyz).T
-    hits = RayCaster(scene).cast(pose.position_ned_m, directions, 0.0)
+    hits = SceneRayCaster(scene).cast(pose.position_ned_m, directions, 0.0)
     return (hits.ranges_m / lengths).reshape(rows.shape), hits.object_ids.reshape(rows.shape)
 
 
@@ -67,7 +70,7 @@ def rim(scene: Scene, pose: Pose, camera: Intrinsics, pixels: np.ndarray) -> np.
     rays = np.stack([np.ones_like(across), across, down], axis=-1).reshape(-1, 3)
     rays /= np.linalg.norm(rays, axis=1, keepdims=True)
     rays = rays @ matrix_from_quat(pose.q_wxyz).T
-    return RayCaster(scene).cast(pose.position_ned_m, rays, 0.0).object_ids.reshape(-1, 8)
+    return SceneRayCaster(scene).cast(pose.position_ned_m, rays, 0.0).object_ids.reshape(-1, 8)
 
 
 def away_from_edges(ids: np.ndarray, depth: np.ndarray) -> np.ndarray:
@@ -112,7 +115,7 @@ def test_agrees_with_the_ray_caster(pose: Pose, camera: Intrinsics) -> None:
 
 def test_a_point_is_drawn_where_the_camera_projects_it() -> None:
     """Pixel centres are integers: a small ball shows at the pixel that `project` says."""
-    ball = meshes.ellipsoid((0.03, 0.03, 0.03), meshes.Material((255, 0, 0)))
+    ball = meshes.ellipsoid_mesh((0.03, 0.03, 0.03), meshes.Material((255, 0, 0)))
     scene = Scene((SceneObject(1, "ball", Shape("ball", ball, ()), Pose.of(3.0, 0.4, -0.3)),))
     picture = Renderer(scene).render(Pose.of(0, 0, 0), VGA, 0.0)
     assert picture.object_ids is not None
@@ -123,7 +126,7 @@ def test_a_point_is_drawn_where_the_camera_projects_it() -> None:
 
 
 def test_a_square_covers_exactly_the_pixels_whose_centres_are_inside() -> None:
-    side = meshes.quad((1.0, 0.0, 0.0), (0, 0.1, 0), (0, 0, -0.1), meshes.Material((9, 9, 9)))
+    side = meshes.quad_mesh((1.0, 0.0, 0.0), (0, 0.1, 0), (0, 0, -0.1), meshes.Material((9, 9, 9)))
     scene = Scene((SceneObject(1, "side", Shape("side", side, ()), Pose((0.0, 0.0, 0.0))),))
     camera = Intrinsics(64, 64, 100.0, 100.0, 31.5, 31.5)
     ids = Renderer(scene).render(Pose((0.0, 0.0, 0.0)), camera, 0.0).object_ids
@@ -143,7 +146,7 @@ def test_neighbours_share_no_pixel_and_leave_none_out() -> None:
     a, b = index[:-1, :-1].ravel(), index[:-1, 1:].ravel()
     c, d = index[1:, 1:].ravel(), index[1:, :-1].ravel()
     faces = np.concatenate([np.stack([a, b, c], -1), np.stack([a, c, d], -1)])
-    wall = meshes.from_triangles(vertices, faces, meshes.Material((50, 50, 50)))
+    wall = meshes.mesh_from_triangles(vertices, faces, meshes.Material((50, 50, 50)))
     scene = Scene((SceneObject(1, "wall", Shape("wall", wall, ()), Pose((0.0, 0.0, 0.0))),))
     ids = Renderer(scene).render(Pose.of(0.003, 0.001, 0.002), VGA, 0.0).object_ids
     assert ids is not None
@@ -152,7 +155,9 @@ def test_neighbours_share_no_pixel_and_leave_none_out() -> None:
 
 def test_a_triangle_that_reaches_far_behind_and_beside_the_camera_is_clipped_right() -> None:
     corners = np.array([[-3000.0, -5000.0, 1.0], [9000.0, -4000.0, 1.0], [2000.0, 9000.0, 1.0]])
-    ground = meshes.from_triangles(corners, np.array([[0, 1, 2]]), meshes.Material((90, 90, 90)))
+    ground = meshes.mesh_from_triangles(
+        corners, np.array([[0, 1, 2]]), meshes.Material((90, 90, 90))
+    )
     scene = Scene((SceneObject(3, "ground", Shape("ground", ground, ()), Pose((0.0, 0.0, 0.0))),))
     pose = Pose.of(0, 0, 0, pitch_rad=-0.3)
     picture = Renderer(scene).render(pose, VGA, 0.0)
@@ -200,8 +205,8 @@ def test_only_makes_all_else_absent() -> None:
 
 
 def test_a_moving_thing_is_drawn_where_it_is() -> None:
-    way = Motion(Pose.of(3, -1, 0), (Waypoint((3.0, 1.0, 0.0), 1.0),), StartOn("go"))
-    scene = Scene((SceneObject(1, "box", shapes.box((0.2, 0.2, 0.2)), way.begin, way),))
+    way = ObjectMotion(Pose.of(3, -1, 0), (Waypoint((3.0, 1.0, 0.0), 1.0),), StartOnEvent("go"))
+    scene = Scene((SceneObject(1, "box", shapes.box_shape((0.2, 0.2, 0.2)), way.begin, way),))
     renderer = Renderer(scene)
 
     def column(t_s: float, events: dict[str, float]) -> float:
@@ -227,8 +232,8 @@ def test_an_empty_scene_is_sky_over_ground() -> None:
 def test_both_sides_of_a_face_are_lit_alike() -> None:
     """A sheet seen from its back is lit as one that faces the viewer."""
     paint = meshes.Material((200, 200, 200))
-    front = meshes.quad((1.0, 0.0, 0.0), (0, 1.0, 0), (0, 0, -1.0), paint)
-    back = meshes.quad((1.0, 0.0, 0.0), (0, -1.0, 0), (0, 0, -1.0), paint)
+    front = meshes.quad_mesh((1.0, 0.0, 0.0), (0, 1.0, 0), (0, 0, -1.0), paint)
+    back = meshes.quad_mesh((1.0, 0.0, 0.0), (0, -1.0, 0), (0, 0, -1.0), paint)
     pixels = []
     for mesh in (front, back):
         scene = Scene((SceneObject(1, "sheet", Shape("sheet", mesh, ()), Pose((0.0, 0.0, 0.0))),))
@@ -245,7 +250,7 @@ TO_LAMP = np.array([-0.5, 0.3, -0.81])
 def test_a_flat_face_has_the_colour_that_the_light_gives_it(turn: float) -> None:
     """Ambient, Lambert and sky by formula, for each face of a turned box that is seen."""
     place = Pose.of(2.0, 0.0, 0.0, roll_rad=0.5 * turn, pitch_rad=0.3, yaw_rad=turn)
-    thing = SceneObject(1, "box", shapes.box((0.6, 0.6, 0.6), (250, 120, 40)), place)
+    thing = SceneObject(1, "box", shapes.box_shape((0.6, 0.6, 0.6), (250, 120, 40)), place)
     scene, rotation = Scene((thing,)), matrix_from_quat(place.q_wxyz)
     picture = Renderer(scene).render(Pose.of(0, 0, 0), VGA, 0.0)
     depth, ids = cast_picture(scene, Pose.of(0, 0, 0), VGA)
@@ -264,7 +269,7 @@ def test_a_flat_face_has_the_colour_that_the_light_gives_it(turn: float) -> None
 
 
 def test_a_camera_inside_of_a_closed_thing_sees_it_from_inside() -> None:
-    thing = SceneObject(4, "box", shapes.box((1.0, 2.0, 3.0)), Pose.of(0, 0, 0, yaw_rad=0.3))
+    thing = SceneObject(4, "box", shapes.box_shape((1.0, 2.0, 3.0)), Pose.of(0, 0, 0, yaw_rad=0.3))
     scene, inside = Scene((thing,)), Pose.of(0.1, 0.2, 0.3, roll_rad=0.2, yaw_rad=1.0)
     picture = Renderer(scene).render(inside, VGA, 0.0)
     depth, _ = cast_picture(scene, inside, VGA)
@@ -277,8 +282,8 @@ def test_a_camera_inside_of_a_closed_thing_sees_it_from_inside() -> None:
 @pytest.mark.parametrize("gap_m", [0.5, 0.051, 0.049, 0.0, -0.3])
 def test_before_and_behind_the_near_plane(gap_m: float) -> None:
     """What is nearer than 5 cm is cut away, what is behind never shows; nothing is mirrored."""
-    wall = meshes.quad((gap_m, 0, 0), (0, 5.0, 0), (0, 0, -5.0), meshes.Material((9, 9, 9)))
-    far = meshes.quad((4.0, 0, 0), (0, 50.0, 0), (0, 0, -50.0), meshes.Material((9, 9, 9)))
+    wall = meshes.quad_mesh((gap_m, 0, 0), (0, 5.0, 0), (0, 0, -5.0), meshes.Material((9, 9, 9)))
+    far = meshes.quad_mesh((4.0, 0, 0), (0, 50.0, 0), (0, 0, -50.0), meshes.Material((9, 9, 9)))
     scene = Scene(
         (
             SceneObject(1, "wall", Shape("wall", wall, ()), Pose((0.0, 0.0, 0.0))),
@@ -293,7 +298,7 @@ def test_before_and_behind_the_near_plane(gap_m: float) -> None:
 @pytest.mark.parametrize("at", [(2.3, 3.0), (2.3, 3.3), (-2.9, -2.9)])
 def test_a_closed_room_has_no_cracks(at: tuple[float, float]) -> None:
     """Its sides share corners: from anywhere inside, no background shows between them."""
-    scene = Scene((SceneObject(1, "room", shapes.room(6.1, 7.3, 2.45), Pose.of(0, 0, 0)),))
+    scene = Scene((SceneObject(1, "room", shapes.room_shape(6.1, 7.3, 2.45), Pose.of(0, 0, 0)),))
     renderer = Renderer(scene)
     for k in range(12):
         pose = Pose.of(*at, 0.4 + 0.17 * k, roll_rad=0.1 * k, pitch_rad=0.2 * k - 1, yaw_rad=k)
@@ -305,7 +310,7 @@ def test_a_closed_room_has_no_cracks(at: tuple[float, float]) -> None:
 def test_a_texture_is_upright_and_repeats() -> None:
     texture = np.zeros((4, 4, 3), np.uint8)
     texture[0, 0] = (0, 0, 250)
-    side = meshes.quad(
+    side = meshes.quad_mesh(
         (1.0, 0.0, 0.0),
         (0, 0.2, 0),
         (0, 0, -0.2),
@@ -324,6 +329,6 @@ def test_a_texture_is_upright_and_repeats() -> None:
 
 def test_a_texture_of_odd_size_is_refused() -> None:
     texture = np.zeros((3, 5, 3), np.uint8)
-    side = meshes.box((1.0, 1.0, 1.0), meshes.Material((255, 255, 255), texture))
+    side = meshes.box_mesh((1.0, 1.0, 1.0), meshes.Material((255, 255, 255), texture))
     with pytest.raises(ValueError, match="powers of two"):
         Renderer(Scene((SceneObject(1, "x", Shape("x", side, ()), Pose((0.0, 0.0, 0.0))),)))

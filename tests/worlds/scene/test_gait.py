@@ -9,15 +9,15 @@ from hypothesis import strategies as st
 
 from wil_campaign.worlds.clearance.clearance import BoxShape, ClearanceProbe
 from wil_campaign.worlds.frames import Pose, Vec3, angle_between, norm, subtract
-from wil_campaign.worlds.rays.raycast import RayCaster
+from wil_campaign.worlds.rays.raycast import SceneRayCaster
 from wil_campaign.worlds.scene import shapes
 from wil_campaign.worlds.scene.gait import ANKLE_M, CHORD_S, HIP_M, JOINTS, Joint, limb_pose, step_m
-from wil_campaign.worlds.scene.motion import Motion, Stride, Waypoint
+from wil_campaign.worlds.scene.motion import LegStride, ObjectMotion, Waypoint
 from wil_campaign.worlds.scene.scene import Scene, SceneObject
 
-PERSON = shapes.person()
+PERSON = shapes.person_shape()
 BEGIN = Pose.of(0.0, 0.0, 0.0, yaw_rad=math.pi / 2)
-WALK = Motion(BEGIN, (Waypoint((0.0, 6.0, 0.0), 1.4),), acceleration_m_s2=1.4)
+WALK = ObjectMotion(BEGIN, (Waypoint((0.0, 6.0, 0.0), 1.4),), acceleration_m_s2=1.4)
 WALKER = SceneObject(1, "walker", PERSON, BEGIN, WALK)
 
 
@@ -29,7 +29,7 @@ def test_the_limbs_are_the_whole_person() -> None:
 
 @pytest.mark.parametrize("joint", JOINTS)
 def test_a_person_stands_upright_before_and_after_the_way(joint: Joint) -> None:
-    for stride in (None, Stride(0.0, 3.0, 1.4), Stride(3.0, 3.0, 1.4)):
+    for stride in (None, LegStride(0.0, 3.0, 1.4), LegStride(3.0, 3.0, 1.4)):
         pose = limb_pose(joint, stride)
         assert norm(pose.position_ned_m) < 1e-9
         assert abs(pose.q_wxyz[0]) == pytest.approx(1.0)
@@ -38,7 +38,7 @@ def test_a_person_stands_upright_before_and_after_the_way(joint: Joint) -> None:
 def test_half_a_step_in_the_legs_are_apart_by_a_step() -> None:
     length_m = step_m(1.4)
     assert length_m == pytest.approx(0.74, abs=0.01)
-    stride = Stride(2.5 * length_m, 9.0, 1.4)
+    stride = LegStride(2.5 * length_m, 9.0, 1.4)
     ankle: Vec3 = (0.0, 0.0, -ANKLE_M)
     right, left = (
         limb_pose(joint, stride).to_parent(ankle) for joint in ("right foot", "left foot")
@@ -52,7 +52,7 @@ def test_no_foot_is_below_the_floor_and_the_swinging_one_is_lifted() -> None:
     highest_m = 0.0
     for along_m in np.arange(0.0, 6.0, 0.02):
         for joint in ("right foot", "left foot"):
-            down_m = limb_pose(joint, Stride(float(along_m), 6.0, 1.4)).position_ned_m[2]
+            down_m = limb_pose(joint, LegStride(float(along_m), 6.0, 1.4)).position_ned_m[2]
             assert down_m <= 1e-9
             highest_m = max(highest_m, -down_m)
     assert 0.05 < highest_m < 0.3
@@ -71,7 +71,7 @@ def test_travel_bounds_the_way_and_turn_of_every_limb(which: int, t_s: float, dt
 def test_a_leg_that_swings_forward_is_touched_where_the_standing_one_is_not() -> None:
     scene = Scene((WALKER,))
     probe = ClearanceProbe(scene, BoxShape((0.01, 0.01, 0.01)))
-    ray = RayCaster(scene)
+    ray = SceneRayCaster(scene)
     times = np.arange(1.5, 3.0, 0.02)
     least_m, hit = math.inf, False
     for t_s in times:
@@ -109,7 +109,7 @@ def test_one_clearance_is_reported_of_all_limbs_and_it_is_the_least() -> None:
 
 @pytest.mark.parametrize(("speed_m_s", "within_m"), [(1.4, 0.01), (2.5, 0.03)])
 def test_a_limb_goes_nearly_straight_between_two_samples(speed_m_s: float, within_m: float) -> None:
-    walk = Motion(BEGIN, (Waypoint((0.0, 6.0, 0.0), speed_m_s),), acceleration_m_s2=speed_m_s)
+    walk = ObjectMotion(BEGIN, (Waypoint((0.0, 6.0, 0.0), speed_m_s),), acceleration_m_s2=speed_m_s)
     walker = SceneObject(1, "walker", PERSON, BEGIN, walk)
     worst_m = 0.0
     for body in walker.bodies:

@@ -16,7 +16,7 @@ from wil_campaign.worlds.scene.mesh_openings import (
     outline_opening,
     polygon_opening,
 )
-from wil_campaign.worlds.scene.parts import Opening
+from wil_campaign.worlds.scene.parts import ObjectOpening
 from wil_campaign.worlds.scene.scene import Scene
 
 FORWARD = (1.0, 0.0, 0.0)
@@ -27,7 +27,7 @@ AT = """
 """
 
 
-def margin_m(opening: Opening, point_m: Vec3) -> float:
+def margin_m(opening: ObjectOpening, point_m: Vec3) -> float:
     """The distance to the edge of where a flight straight through a point crosses."""
     start, end = (tuple(np.add(point_m, rotate(opening.pose.q_wxyz, (x, 0, 0)))) for x in (-9, 9))
     crossing = opening.crossing(start, end)
@@ -38,7 +38,7 @@ def margin_m(opening: Opening, point_m: Vec3) -> float:
 
 @pytest.mark.parametrize("form", ["square", "ring"])
 def test_the_outline_of_a_gate_s_mesh_is_the_gate_s_own_opening(form: Any) -> None:
-    built = shapes.gate(form, 1.2, 0.1)
+    built = shapes.gate_shape(form, 1.2, 0.1)
     found = outline_opening(built.mesh, (0.01, 0.2, -0.1), FORWARD)
     (own,) = built.openings
     assert found.limit_m == pytest.approx(own.limit_m, abs=0.01)
@@ -79,7 +79,7 @@ def test_corners_that_are_no_opening(corners: Any, said: str) -> None:
 
 
 def test_a_point_with_nothing_round_it() -> None:
-    mesh = shapes.gate("square", 1.0, 0.1).mesh
+    mesh = shapes.gate_shape("square", 1.0, 0.1).mesh
     for at in ((0.5, 0.0, 0.0), (0.0, 3.0, 0.0)):
         with pytest.raises(OpeningError, match="no closed outline round this point"):
             outline_opening(mesh, at, FORWARD)
@@ -88,7 +88,7 @@ def test_a_point_with_nothing_round_it() -> None:
 @pytest.mark.parametrize(("form", "at"), [("square", 0.65), ("ring", 0.65)])
 def test_a_point_in_the_material_is_no_opening(form: Any, at: float) -> None:
     """The outer outline of a wall is round it, too: a flight into the wall passed through that."""
-    mesh = shapes.gate(form, 1.2, 0.1).mesh
+    mesh = shapes.gate_shape(form, 1.2, 0.1).mesh
     with pytest.raises(OpeningError, match="in the material of the mesh"):
         outline_opening(mesh, (0.01, at, 0.01), FORWARD)
     corners = np.array(
@@ -101,7 +101,7 @@ def test_a_point_in_the_material_is_no_opening(form: Any, at: float) -> None:
 
 def write_frame(path: Path) -> None:
     """A square frame of four bars around a hole of 1 m, 0.5 m over the origin of the file."""
-    mesh = shapes.gate("square", 1.0, 0.2).mesh
+    mesh = shapes.gate_shape("square", 1.0, 0.2).mesh
     lines = [f"v {x:.6f} {-y:.6f} {0.5 - z:.6f}" for x, y, z in mesh.vertices_m.tolist()]
     lines += [f"f {a + 1} {b + 1} {c + 1}" for a, b, c in mesh.faces.tolist()]
     path.write_text("\n".join(lines) + "\n")

@@ -8,10 +8,10 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from wil_campaign.worlds.frames import Pose, Vec3
-from wil_campaign.worlds.scene.parts import BoxShape, Opening
+from wil_campaign.worlds.scene.parts import BoxShape, ObjectOpening
 
-SQUARE = Opening("opening", "square", 0.5)
-RING = Opening("opening", "ring", 0.5)
+SQUARE = ObjectOpening("opening", "square", 0.5)
+RING = ObjectOpening("opening", "ring", 0.5)
 coordinate = st.floats(-3.0, 3.0)
 points = st.tuples(coordinate, coordinate, coordinate)
 
@@ -41,7 +41,7 @@ def test_beside_the_opening_is_a_crossing_with_a_large_offset() -> None:
 
 
 def test_an_opening_may_be_turned_in_its_thing() -> None:
-    opening = Opening("side", "ring", 0.5, Pose.of(0, 2, 0, yaw_rad=math.pi / 2))
+    opening = ObjectOpening("side", "ring", 0.5, Pose.of(0, 2, 0, yaw_rad=math.pi / 2))
     crossing = opening.crossing((0.1, 1.0, 0.0), (0.1, 4.0, 0.0))
     assert crossing is not None
     assert crossing.fraction == pytest.approx(1 / 3)

@@ -13,19 +13,19 @@ from wil_campaign.worlds.scene.shapes import Shape
 
 GREY = Material((128, 128, 128))
 ALL = {
-    "square gate": shapes.gate("square", 1.0, 0.1),
-    "ring gate": shapes.gate("ring", 0.6, 0.08),
-    "box": shapes.box((0.3, 0.5, 0.9)),
-    "quadrotor": shapes.quadrotor(),
-    "person": shapes.person(),
-    "room": shapes.room(6, 5, 2.5),
-    "open room": shapes.room(6, 5, 2.5, ceiling=False),
+    "square gate": shapes.gate_shape("square", 1.0, 0.1),
+    "ring gate": shapes.gate_shape("ring", 0.6, 0.08),
+    "box": shapes.box_shape((0.3, 0.5, 0.9)),
+    "quadrotor": shapes.quadrotor_shape(),
+    "person": shapes.person_shape(),
+    "room": shapes.room_shape(6, 5, 2.5),
+    "open room": shapes.room_shape(6, 5, 2.5, ceiling=False),
 }
 SOLIDS = {
-    "box": meshes.box((1.0, 2.0, 3.0), GREY),
-    "ellipsoid": meshes.ellipsoid((1.0, 2.0, 3.0), GREY),
-    "frustum": meshes.frustum(0.3, 0.5, 2.0, GREY, flatten=0.6),
-    "cone": meshes.frustum(0.6, 0.2, 0.5, GREY),
+    "box": meshes.box_mesh((1.0, 2.0, 3.0), GREY),
+    "ellipsoid": meshes.ellipsoid_mesh((1.0, 2.0, 3.0), GREY),
+    "frustum": meshes.frustum_mesh(0.3, 0.5, 2.0, GREY, flatten=0.6),
+    "cone": meshes.frustum_mesh(0.6, 0.2, 0.5, GREY),
 }
 
 
@@ -117,7 +117,7 @@ def test_a_person_stands_on_the_ground_and_is_175_cm_tall() -> None:
 
 
 def test_a_quadrotor_is_as_wide_as_asked() -> None:
-    vertices = shapes.quadrotor(0.4).mesh.vertices_m
+    vertices = shapes.quadrotor_shape(0.4).mesh.vertices_m
     assert np.ptp(vertices[:, 1]) == pytest.approx(0.4, abs=5e-3)
 
 
@@ -134,7 +134,7 @@ def test_a_room_is_free_inside_and_its_skin_looks_inwards() -> None:
 
 
 def test_room_textures_are_structured_muted_and_seeded() -> None:
-    rooms = [shapes.room(6, 6, 2.5, seed=seed).mesh for seed in (0, 0, 1)]
+    rooms = [shapes.room_shape(6, 6, 2.5, seed=seed).mesh for seed in (0, 0, 1)]
     first, again, other = (
         [m.texture for m in room.materials if m.texture is not None] for room in rooms
     )
@@ -149,7 +149,7 @@ def test_room_textures_are_structured_muted_and_seeded() -> None:
 
 
 def test_painting_and_moving_leave_the_original_alone() -> None:
-    mesh = meshes.box((1.0, 1.0, 1.0), GREY)
+    mesh = meshes.box_mesh((1.0, 1.0, 1.0), GREY)
     moved = mesh.painted((1, 2, 3)).moved(Pose.of(5, 0, 0, yaw_rad=math.pi / 2))
     assert mesh.materials[0].rgb == (128, 128, 128)
     assert moved.materials[0].rgb == (1, 2, 3)

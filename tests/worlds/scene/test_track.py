@@ -8,24 +8,24 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from wil_campaign.worlds.frames import Pose, angle_between
-from wil_campaign.worlds.scene.motion import AT_REST, Motion, Waypoint
+from wil_campaign.worlds.scene.motion import AT_REST, ObjectMotion, Waypoint
 from wil_campaign.worlds.scene.scene import SceneObject
-from wil_campaign.worlds.scene.shapes import quadrotor
-from wil_campaign.worlds.scene.track import AHEAD_S, RunHistory, Track
+from wil_campaign.worlds.scene.shapes import quadrotor_shape
+from wil_campaign.worlds.scene.track import AHEAD_S, ObjectTrack, RunHistory
 
 STILL = (0.0, 0.0, 0.0)
 
 
-def track(*poses: tuple[float, Pose]) -> Track:
-    made = Track()
+def track(*poses: tuple[float, Pose]) -> ObjectTrack:
+    made = ObjectTrack()
     for t_s, pose in poses:
         made.add(t_s, pose, STILL)
     return made
 
 
 def test_a_track_has_no_pose_before_its_first() -> None:
-    assert Track().pose_at(1.0) is None
-    assert Track().last_s is None
+    assert ObjectTrack().pose_at(1.0) is None
+    assert ObjectTrack().last_s is None
     assert track((2.0, Pose.of(1.0, 0.0, 0.0))).pose_at(1.9) is None
 
 
@@ -37,7 +37,7 @@ def test_a_track_is_straight_between_its_poses() -> None:
 
 
 def test_a_track_goes_on_at_its_velocity_for_a_moment() -> None:
-    flown = Track()
+    flown = ObjectTrack()
     flown.add(1.0, Pose.of(0.0, 0.0, 1.0), (2.0, 0.0, 0.0))
     for ahead_s, north_m in ((0.02, 0.04), (AHEAD_S, 2.0 * AHEAD_S), (9.0, 2.0 * AHEAD_S)):
         pose = flown.pose_at(1.0 + ahead_s)
@@ -83,7 +83,7 @@ def test_nothing_on_a_track_goes_farther_than_its_travel(
     later_s: float,
 ) -> None:
     """Clearance is proven by this bound: a smaller one would let a contact through."""
-    flown, t_s = Track(), 0.0
+    flown, t_s = ObjectTrack(), 0.0
     for step_s, north_m, east_m, up_m, yaw_rad in stretches:
         t_s += step_s
         flown.add(t_s, Pose.of(north_m, east_m, up_m, yaw_rad=yaw_rad), velocity)
@@ -99,9 +99,9 @@ def test_nothing_on_a_track_goes_farther_than_its_travel(
 
 def test_an_object_is_where_its_vehicle_is_and_not_where_its_motion_has_it() -> None:
     begin = Pose.of(2.5, 0.0, 0.05)
-    motion = Motion(begin, (Waypoint((2.5, 0.0, -1.0), 1.0),))
-    thing = SceneObject(1, "intruder", quadrotor(0.3, (10, 10, 10)), begin, motion)
-    history = RunHistory({"intruder": Track()})
+    motion = ObjectMotion(begin, (Waypoint((2.5, 0.0, -1.0), 1.0),))
+    thing = SceneObject(1, "intruder", quadrotor_shape(0.3, (10, 10, 10)), begin, motion)
+    history = RunHistory({"intruder": ObjectTrack()})
     # Nothing known yet: it stands where it starts, though its motion is over.
     assert thing.pose_at(9.0, history) == begin
     assert thing.travel(0.0, 9.0, history) == AT_REST

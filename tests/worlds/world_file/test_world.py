@@ -8,9 +8,9 @@ import cv2
 import numpy as np
 import pytest
 
-from wil_campaign.foundation.files.documents import BadInput, Problem, load, parse
+from wil_campaign.foundation.files.documents import BadInput, Problem, load_document, parse_document
 from wil_campaign.worlds.scene.colors import NAMED, parse_color
-from wil_campaign.worlds.scene.motion import StartOn
+from wil_campaign.worlds.scene.motion import StartOnEvent
 from wil_campaign.worlds.world_file.world import World
 
 ROOT = Path(__file__).parents[3]
@@ -26,7 +26,9 @@ LEG = "{north_m: 1, east_m: 1, up_m: 2, speed_m_s: 1}"
 
 
 def world(objects: str, folder: Path = Path()) -> World:
-    return World.parse(parse((HEAD + objects).encode(), name="w.yaml", path=folder / "w.yaml"))
+    return World.parse(
+        parse_document((HEAD + objects).encode(), name="w.yaml", path=folder / "w.yaml")
+    )
 
 
 def faults(objects: str, folder: Path = Path()) -> tuple[Problem, ...]:
@@ -36,7 +38,7 @@ def faults(objects: str, folder: Path = Path()) -> tuple[Problem, ...]:
 
 
 def test_the_shipped_gate_world() -> None:
-    shipped = World.parse(load(ROOT / "worlds" / "gate.yaml"))
+    shipped = World.parse(load_document(ROOT / "worlds" / "gate.yaml"))
     assert shipped.objects == ("cage", "gate")
     assert shipped.frame.latitude_deg == pytest.approx(47.397742)
     gate = shipped.scene("sim", "Wv")["gate"]
@@ -46,7 +48,7 @@ def test_the_shipped_gate_world() -> None:
 
 
 def test_the_shipped_hall_has_every_built_in_thing() -> None:
-    hall = World.parse(load(ROOT / "worlds" / "hall.yaml"))
+    hall = World.parse(load_document(ROOT / "worlds" / "hall.yaml"))
     kinds = {each.scene_object.shape.kind for each in hall.placed}
     assert kinds == {"room", "gate", "box", "person", "quadrotor"}
     assert hall.events == {"goal"}
@@ -61,7 +63,7 @@ def test_the_worlds_on_the_page_are_worlds(tmp_path: Path) -> None:
     assert shown
     for block in shown:
         text = block if "schema:" in block else HEAD + block.removeprefix("objects:\n")
-        document = parse(text.encode(), name="w.yaml", path=tmp_path / "w.yaml")
+        document = parse_document(text.encode(), name="w.yaml", path=tmp_path / "w.yaml")
         assert World.parse(document).objects
 
 
@@ -118,7 +120,7 @@ def test_a_motion_starts_at_its_event_and_follows_its_waypoints() -> None:
     assert walking.events == {"goal"}
     who = walking.scene("real", "W")["who"]
     assert who.motion is not None
-    assert who.motion.start == StartOn("goal", 1.0)
+    assert who.motion.start == StartOnEvent("goal", 1.0)
     assert who.pose_at(13.0, {"goal": 10.0}).position_ned_m == pytest.approx((2.0, 0.0, 0.0))
     assert who.pose_at(13.0).position_ned_m == (2.0, -2.0, 0.0)
 
@@ -324,7 +326,7 @@ WALKS = """\
 def test_speeds_are_those_of_the_file_until_the_world_has_a_seed() -> None:
     def speed_m_s(text: str) -> float:
         motion = (
-            World.parse(parse(text.encode(), name="w", path=Path("w")))
+            World.parse(parse_document(text.encode(), name="w", path=Path("w")))
             .placed[0]
             .scene_object.motion
         )

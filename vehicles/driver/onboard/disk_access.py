@@ -10,7 +10,7 @@ from functools import partial
 from pathlib import Path
 from typing import TypeVar
 
-from wil_campaign.foundation.tasks import finish
+from wil_campaign.foundation.tasks import finish_in_task
 
 T = TypeVar("T")
 
@@ -27,7 +27,7 @@ async def access_disk(
     late: called in the thread with a result that nobody waits for any more. Raises what the call
     raises, and TimeoutError, an OSError, where the disk takes nothing for 12 s.
     """
-    return await finish(asyncio.to_thread(partial(_result, call, name, late)), name=name)
+    return await finish_in_task(asyncio.to_thread(partial(_result, call, name, late)), name=name)
 
 
 async def remove_backup(path: Path, remove: Callable[[], None], *, name: str) -> str:

@@ -28,10 +28,10 @@ def back_up_fence(
     try:
         return CrashSafeFile.write(folder, FENCE_SUFFIX, document)
     except OSError as error:
-        raise unwritten(folder, error) from error
+        raise fence_backup_error(folder, error) from error
 
 
-def unwritten(folder: Path, error: OSError) -> MissionError:
+def fence_backup_error(folder: Path, error: OSError) -> MissionError:
     """Return the error that a fence backup could not be written."""
     return MissionError(
         f"the fence backup in {folder} cannot be written ({error.strerror}); without it the "

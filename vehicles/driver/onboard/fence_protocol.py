@@ -25,7 +25,7 @@ from wil_campaign.vehicles.mavlink.fence_areas import (
     FenceArea,
     FenceCircle,
     FenceItemError,
-    Place,
+    FencePlace,
     fence_areas,
 )
 
@@ -102,7 +102,7 @@ class FenceProtocol:
             await self._missions.clear(ItemList.FENCE)
 
 
-def _item(command: int, first: float, place: Place) -> MissionItem:
+def _item(command: int, first: float, place: FencePlace) -> MissionItem:
     return MissionItem(
         command=command,
         frame=mavlink.MAV_FRAME_GLOBAL,

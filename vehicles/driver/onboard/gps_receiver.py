@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from wil_campaign.vehicles.autopilots.autopilot import command_long
-from wil_campaign.vehicles.driver.session.session import Session
+from wil_campaign.vehicles.driver.session.session import MavlinkSession
 
 _REQUEST_AGAIN_S = 0.5
 _UNKNOWN_HDOP = 0xFFFF
@@ -44,7 +44,7 @@ class GroundSpeed(NamedTuple):
 class GpsReceiver:
     """Requests the fix of the vehicle's GPS receiver, and passes its ground speed on."""
 
-    def __init__(self, *, session: Session) -> None:
+    def __init__(self, *, session: MavlinkSession) -> None:
         self._session = session
         self._newest: GpsFix | None = None
         self._arrived = asyncio.Event()

@@ -11,7 +11,7 @@ from typing import Any, Self
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from wil_campaign.vehicles.driver.session.session import Session
+from wil_campaign.vehicles.driver.session.session import MavlinkSession
 from wil_campaign.vehicles.errors import VehicleError
 from wil_campaign.vehicles.mavlink.names import enum_name
 
@@ -27,7 +27,7 @@ class MissionError(VehicleError):
     """A mission, fence or rally list was refused, or came back changed."""
 
 
-class UnsureError(MissionError):
+class UnsureUploadError(MissionError):
     """All items of a list were sent, and whether it was accepted is unknown."""
 
 
@@ -92,7 +92,7 @@ class MissionProtocol:
     def __init__(
         self,
         *,
-        session: Session,
+        session: MavlinkSession,
         circumstances: Callable[[], str] = str,
         timeout_s: float = 0.7,
         tries: int = 6,
@@ -128,7 +128,7 @@ class MissionProtocol:
             home = which is ItemList.MISSION and self._home_first and bool(items)
             try:
                 await self._send_list(which, [_HOME, *sent] if home else sent)
-            except UnsureError as error:
+            except UnsureUploadError as error:
                 doubt = error
         difference = _difference(sent, await self.download(which))
         if difference:
@@ -183,7 +183,7 @@ class MissionProtocol:
                         raise
                     # The final MISSION_ACK comes once: when it is lost, the autopilot is silent or
                     # refuses the last item, which is sent again.
-                    raise UnsureError(str(error)) from error
+                    raise UnsureUploadError(str(error)) from error
                 if "REQUEST" in answer.get_type() and answer.seq < len(items):
                     reached = max(reached, answer.seq + 1)
                     last = self._item(which, answer.seq, items[answer.seq])

@@ -6,10 +6,10 @@ from wil_campaign.vehicles.autopilots.autopilot import Autopilot
 from wil_campaign.vehicles.driver.onboard.fence_protocol import FenceProtocol
 from wil_campaign.vehicles.driver.onboard.gps_receiver import GpsReceiver
 from wil_campaign.vehicles.driver.onboard.mission_protocol import MissionProtocol
-from wil_campaign.vehicles.driver.onboard.parameters import Parameters
+from wil_campaign.vehicles.driver.onboard.parameters import OnboardParameters
 from wil_campaign.vehicles.driver.onboard.vehicle_logs import VehicleLogs
-from wil_campaign.vehicles.driver.session.identity import Identity
-from wil_campaign.vehicles.driver.session.session import Session
+from wil_campaign.vehicles.driver.session.identity import VehicleIdentity
+from wil_campaign.vehicles.driver.session.session import MavlinkSession
 
 
 class Onboard:
@@ -21,18 +21,18 @@ class Onboard:
     def __init__(
         self,
         *,
-        session: Session,
+        session: MavlinkSession,
         circumstances: Callable[[], str],
         missions: MissionProtocol | None = None,
         logs: VehicleLogs | None = None,
     ) -> None:
-        self.parameters = Parameters(session=session)
+        self.parameters = OnboardParameters(session=session)
         self.missions = missions or MissionProtocol(session=session, circumstances=circumstances)
         self.fences = FenceProtocol(missions=self.missions)
         self.logs = logs or VehicleLogs(session=session)
         self.gps_receiver = GpsReceiver(session=session)
 
-    def identified(self, autopilot: Autopilot, identity: Identity) -> None:
+    def identified(self, autopilot: Autopilot, identity: VehicleIdentity) -> None:
         """Set the vehicle's identity, and how its autopilot stores onboard data."""
         self.parameters.use_bytewise(autopilot.parameters_bytewise)
         self.parameters.use_identity(f"{autopilot.name} {identity.system_id} {identity.uid}")

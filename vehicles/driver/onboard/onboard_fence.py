@@ -12,10 +12,10 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-from wil_campaign.foundation.tasks import finish
+from wil_campaign.foundation.tasks import finish_in_task
 from wil_campaign.vehicles.driver.onboard.crash_safe_file import CrashSafeFile
 from wil_campaign.vehicles.driver.onboard.disk_access import access_disk, remove_backup
-from wil_campaign.vehicles.driver.onboard.fence_backup import back_up_fence, unwritten
+from wil_campaign.vehicles.driver.onboard.fence_backup import back_up_fence, fence_backup_error
 from wil_campaign.vehicles.driver.onboard.fence_protocol import (
     AutopilotFence,
     FenceProtocol,
@@ -23,7 +23,7 @@ from wil_campaign.vehicles.driver.onboard.fence_protocol import (
 )
 from wil_campaign.vehicles.driver.onboard.mission_protocol import MissionError, MissionItem
 from wil_campaign.vehicles.driver.onboard.parameter_backup import ParameterBackup, ParameterValue
-from wil_campaign.vehicles.driver.onboard.parameters import Parameters
+from wil_campaign.vehicles.driver.onboard.parameters import OnboardParameters
 from wil_campaign.vehicles.errors import VehicleError
 
 
@@ -31,7 +31,7 @@ class OnboardFence:
     """Uploads an onboard fence; an async context manager that restores the old one.
 
     `offer` uploads a fence, which is final once it is confirmed; until then `put_back` restores the
-    previous one. backup_folder: for backups to restore after a crash (`Parameters.changed`,
+    previous one. backup_folder: for backups to restore after a crash (`OnboardParameters.changed`,
     `back_up_fence`). Without entering the context manager the fence stays for good.
     """
 
@@ -39,7 +39,7 @@ class OnboardFence:
         self,
         *,
         fences: FenceProtocol,
-        parameters: Parameters,
+        parameters: OnboardParameters,
         autopilot: str,
         backup_folder: Path | None = None,
     ) -> None:
@@ -117,7 +117,7 @@ class OnboardFence:
             backing_up = self._back_up(
                 self._backup_folder, own=self._original_items, ours=fence_items(fence.areas)
             )
-            await finish(backing_up, name="fence backup")
+            await finish_in_task(backing_up, name="fence backup")
         await self._fences.upload(fence.areas)
         await context.__aenter__()
 
@@ -163,7 +163,7 @@ class OnboardFence:
         try:
             backup = await access_disk(write, name="fence backup", late=CrashSafeFile.discard)
         except OSError as error:
-            raise unwritten(folder, error) from error
+            raise fence_backup_error(folder, error) from error
         self._fence_backups.append(backup)
 
     async def _restore_fence(

@@ -13,7 +13,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Protocol, Self
 
-from wil_campaign.foundation.tasks import finish
+from wil_campaign.foundation.tasks import finish_in_task
 from wil_campaign.vehicles.driver.onboard.crash_safe_file import CrashSafeFile, crash_safe_files
 from wil_campaign.vehicles.driver.onboard.disk_access import access_disk, remove_backup
 from wil_campaign.vehicles.errors import ParameterError
@@ -44,7 +44,7 @@ class ParameterChange:
 
 
 @dataclass(frozen=True, slots=True)
-class Restored:
+class RestoredParameters:
     """The outcome of restoring a vehicle's parameter backups.
 
     restored: set back, or already at its original value. foreign: has neither our value nor the
@@ -91,7 +91,7 @@ class ParameterBackup:
         done: list[ParameterChange] = []
         try:
             if self._folder is not None and self._changes:
-                await finish(self._back_up(self._folder), name="parameter backup")
+                await finish_in_task(self._back_up(self._folder), name="parameter backup")
             for change in self._changes:
                 done.append(change)
                 await self._access.set(change.name, change.wanted)
@@ -164,7 +164,9 @@ class ParameterBackup:
             raise ParameterError(f"the parameters are restored, but their {left}")
 
 
-async def restore_backups(folder: Path, *, access: ParameterAccess, vehicle: str) -> Restored:
+async def restore_backups(
+    folder: Path, *, access: ParameterAccess, vehicle: str
+) -> RestoredParameters:
     """Restore a vehicle's parameters from backups of killed runs, newest first.
 
     Backups of running runs, and of other vehicles, are left alone. Raises ParameterError when the
@@ -184,7 +186,7 @@ async def restore_backups(folder: Path, *, access: ParameterAccess, vehicle: str
                     await access.set(change.name, change.before)
                 (restored if ours or _same(now, change.before) else foreign).append(change)
             backup.remove()
-    return Restored(tuple(restored), tuple(foreign))
+    return RestoredParameters(tuple(restored), tuple(foreign))
 
 
 def _same(one: ParameterValue, other: ParameterValue) -> bool:

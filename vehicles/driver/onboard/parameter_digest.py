@@ -7,10 +7,10 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from wil_campaign.vehicles.autopilots.autopilot import Autopilot, Target
+from wil_campaign.vehicles.autopilots.autopilot import Autopilot, MavlinkTarget
 from wil_campaign.vehicles.driver.onboard.parameter_backup import ParameterValue
 from wil_campaign.vehicles.driver.onboard.parameters import decode_parameter
-from wil_campaign.vehicles.driver.session.session import Session
+from wil_campaign.vehicles.driver.session.session import MavlinkSession
 
 _NO_INDEX = 65535
 """The index of a PARAM_VALUE that was not requested by index, or is of no parameter."""
@@ -28,10 +28,10 @@ class ParameterDigest:
     board; the digest is of the values from then on, as soon as all have arrived.
     """
 
-    def __init__(self, *, session: Session) -> None:
+    def __init__(self, *, session: MavlinkSession) -> None:
         self._session = session
         self._autopilot: Autopilot | None = None
-        self._target = Target(0)
+        self._target = MavlinkTarget(0)
         self._values: dict[str, ParameterValue] = {}
         self._indexes: set[int] = set()
         self._count: int | None = None
@@ -51,7 +51,7 @@ class ParameterDigest:
         known = [f"{name} {self._values[name]:g}" for name in names if name in self._values]
         return ", ".join(known)
 
-    def begin(self, autopilot: Autopilot, target: Target) -> None:
+    def begin(self, autopilot: Autopilot, target: MavlinkTarget) -> None:
         """Begin to gather: the vehicle is identified."""
         self._autopilot, self._target = autopilot, target
         if autopilot.parameters_digest is None:

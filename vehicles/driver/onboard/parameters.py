@@ -12,10 +12,10 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from wil_campaign.vehicles.driver.onboard.parameter_backup import (
     ParameterBackup,
     ParameterValue,
-    Restored,
+    RestoredParameters,
     restore_backups,
 )
-from wil_campaign.vehicles.driver.session.session import Session
+from wil_campaign.vehicles.driver.session.session import MavlinkSession
 from wil_campaign.vehicles.errors import ParameterError
 from wil_campaign.vehicles.mavlink.names import enum_name
 
@@ -76,10 +76,10 @@ class _Answer:
     kind: int
 
 
-class Parameters:
+class OnboardParameters:
     """Reads and writes an autopilot's parameters, one at a time."""
 
-    def __init__(self, *, session: Session, timeout_s: float = 0.7, tries: int = 6) -> None:
+    def __init__(self, *, session: MavlinkSession, timeout_s: float = 0.7, tries: int = 6) -> None:
         self._session = session
         self._timeout_s = timeout_s
         self._tries = tries
@@ -116,7 +116,7 @@ class Parameters:
             access=self, vehicle=self._vehicle, changes=changes, folder=backup_folder
         )
 
-    async def restore_backups(self, folder: Path) -> Restored:
+    async def restore_backups(self, folder: Path) -> RestoredParameters:
         """Restore this vehicle's parameters from killed runs' backups."""
         return await restore_backups(folder, access=self, vehicle=self._vehicle)
 

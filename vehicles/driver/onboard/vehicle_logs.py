@@ -14,7 +14,7 @@ from typing import Any, BinaryIO
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from wil_campaign.vehicles.driver.session.session import Session
+from wil_campaign.vehicles.driver.session.session import MavlinkSession
 from wil_campaign.vehicles.errors import VehicleError
 
 _PIECE = 90
@@ -23,7 +23,7 @@ _WINDOW = 512 * _PIECE
 """Bytes in one request: 46 kB, a second of a fast link."""
 
 
-class LogError(VehicleError):
+class VehicleLogError(VehicleError):
     """A vehicle log could not be fetched; the message says how much of it was received."""
 
 
@@ -42,7 +42,7 @@ class VehicleLogs:
     A reply that does not come within `timeout_s` is requested again, `tries` times in a row.
     """
 
-    def __init__(self, *, session: Session, timeout_s: float = 0.7, tries: int = 8) -> None:
+    def __init__(self, *, session: MavlinkSession, timeout_s: float = 0.7, tries: int = 8) -> None:
         self._session = session
         self._timeout_s = timeout_s
         self._tries = tries
@@ -94,10 +94,10 @@ class VehicleLogs:
             try:
                 await self._fetch_to(entry, half, progress)
                 if half.stat().st_size == 0:
-                    raise LogError(f"log {entry.number} is empty")
+                    raise VehicleLogError(f"log {entry.number} is empty")
                 half.replace(path)
             except OSError as error:
-                raise LogError(f"log {entry.number} to {path}: {error.strerror}") from error
+                raise VehicleLogError(f"log {entry.number} to {path}: {error.strerror}") from error
             finally:
                 half.unlink(missing_ok=True)
                 self._send(mavlink.MAVLink_log_request_end_message)
@@ -136,7 +136,9 @@ class VehicleLogs:
                 if len(entries) >= total:
                     return tuple(entries.values())
         arrived = "nothing arrived" if total is None else f"{len(entries)} of {total} arrived"
-        raise LogError(f"{self._session.link.name}: the list of logs is incomplete: {arrived}")
+        raise VehicleLogError(
+            f"{self._session.link.name}: the list of logs is incomplete: {arrived}"
+        )
 
     async def _fetch(
         self,
@@ -161,7 +163,7 @@ class VehicleLogs:
                     file.write(bytes(message.data[: message.count]))
             failures = 0 if pieces.received > before else failures + 1
             if failures >= self._tries:
-                raise LogError(
+                raise VehicleLogError(
                     f"{self._session.link.name}: log {entry.number} stopped at {pieces.received} "
                     f"of {entry.size_bytes} bytes, requested {failures} more times"
                 )
@@ -183,7 +185,7 @@ class VehicleLogs:
     def _send(self, kind: Any, **fields: int) -> None:
         target = self._session.target
         if target is None:
-            raise LogError(f"{self._session.link.name}: no vehicle is identified yet")
+            raise VehicleLogError(f"{self._session.link.name}: no vehicle is identified yet")
         message = kind(target_system=target.system, target_component=target.component, **fields)
         self._session.send(message)
 

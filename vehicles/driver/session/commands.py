@@ -7,7 +7,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from wil_campaign.vehicles.driver.session.session import Session
+from wil_campaign.vehicles.driver.session.session import MavlinkSession
 from wil_campaign.vehicles.errors import CommandError, CommandTimeoutError, VehicleError
 from wil_campaign.vehicles.mavlink.names import command_name, result_name
 
@@ -48,7 +48,7 @@ class Commander:
     def __init__(
         self,
         *,
-        session: Session,
+        session: MavlinkSession,
         circumstances: Callable[[], str],
         ack_timeout_s: float = 0.5,
         tries: int = 6,

@@ -5,17 +5,17 @@ from typing import Any, Self
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from wil_campaign.vehicles.autopilots.autopilot import Autopilot, Target, names_board
+from wil_campaign.vehicles.autopilots.autopilot import Autopilot, MavlinkTarget, has_board_ids
 from wil_campaign.vehicles.driver.session.conditions import ConditionWaiter
 from wil_campaign.vehicles.driver.session.identity import (
-    Identity,
-    Wanted,
+    VehicleIdentity,
+    WantedVehicle,
     describe_mismatches,
     identity_of,
     matching_vehicle,
     unsupported_version,
 )
-from wil_campaign.vehicles.driver.session.session import Handler, Sender, Session
+from wil_campaign.vehicles.driver.session.session import Handler, HeartbeatSender, MavlinkSession
 from wil_campaign.vehicles.errors import IdentifyError
 from wil_campaign.vehicles.links.link import TellsTrouble
 
@@ -27,8 +27,8 @@ _LATE_S = 0.5
 
 
 async def find_vehicle(
-    session: Session, changes: ConditionWaiter, *, wanted: Wanted, timeout_s: float
-) -> tuple[Sender, Autopilot]:
+    session: MavlinkSession, changes: ConditionWaiter, *, wanted: WantedVehicle, timeout_s: float
+) -> tuple[HeartbeatSender, Autopilot]:
     """Find the first vehicle on the link that we can fly; return it with its strategy.
 
     Raises IdentifyError when none was received in time, with what was received instead.
@@ -51,13 +51,13 @@ async def find_vehicle(
 
 
 async def request_identity(
-    session: Session,
+    session: MavlinkSession,
     changes: ConditionWaiter,
     *,
     autopilot: Autopilot,
-    vehicle: Sender,
+    vehicle: HeartbeatSender,
     timeout_s: float,
-) -> Identity:
+) -> VehicleIdentity:
     """Request the vehicle's AUTOPILOT_VERSION and return its identity.
 
     Of an autopilot that names no board it is also requested what only its simulation sends. From
@@ -98,7 +98,9 @@ class _Answers:
     own_delay_s: the longest delay of this program in reading or resuming.
     """
 
-    def __init__(self, session: Session, changes: ConditionWaiter, autopilot: Autopilot) -> None:
+    def __init__(
+        self, session: MavlinkSession, changes: ConditionWaiter, autopilot: Autopilot
+    ) -> None:
         self._session = session
         self._changes = changes
         self._sign_id = autopilot.simulation_message_id
@@ -124,7 +126,7 @@ class _Answers:
         """Return whether the answers tell the vehicle's identity."""
         if self.version is None:
             return False
-        return self._sign_id is None or self.is_simulated or names_board(self.version)
+        return self._sign_id is None or self.is_simulated or has_board_ids(self.version)
 
     @property
     def missing(self) -> tuple[int, ...]:
@@ -155,7 +157,7 @@ class _Answers:
 
 
 def _unanswered_text(
-    session: Session, autopilot: Autopilot, target: Target, own_delay_s: float
+    session: MavlinkSession, autopilot: Autopilot, target: MavlinkTarget, own_delay_s: float
 ) -> str:
     """Return in words that a vehicle did not answer, and the likely cause.
 
@@ -173,7 +175,7 @@ def _unanswered_text(
     return f"{what}; is its link one-way, or does a router drop our system id {session.own.system}?"
 
 
-def _received_text(session: Session, wanted: Wanted, timeout_s: float) -> str:
+def _received_text(session: MavlinkSession, wanted: WantedVehicle, timeout_s: float) -> str:
     """Return in words what was received during a failed identification."""
     name, codec = session.link.name, session.codec
     awaited = f"{name}: no {wanted} within {timeout_s:g} s: "

@@ -6,14 +6,14 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from wil_campaign.vehicles.autopilots.autopilot import Autopilot, Target, names_board
+from wil_campaign.vehicles.autopilots.autopilot import Autopilot, MavlinkTarget, has_board_ids
 from wil_campaign.vehicles.autopilots.registry import (
     MULTICOPTERS,
     autopilot_named,
     autopilot_of,
-    strategies,
+    autopilot_strategies,
 )
-from wil_campaign.vehicles.driver.session.session import ReceivedHeartbeat, Sender
+from wil_campaign.vehicles.driver.session.session import HeartbeatSender, ReceivedHeartbeat
 from wil_campaign.vehicles.mavlink.names import enum_name
 
 _AUTOPILOT: int = mavlink.MAV_COMP_ID_AUTOPILOT1
@@ -22,7 +22,7 @@ _RELEASES = {0: "dev", 64: "alpha", 128: "beta", 192: "rc", 255: ""}
 
 
 @dataclass(frozen=True, slots=True)
-class Identity:
+class VehicleIdentity:
     """The identity of a vehicle: autopilot, version, board, system id.
 
     version: (major, minor, patch); version_text adds the kind of release ("4.7.0-dev").
@@ -47,12 +47,12 @@ class Identity:
 
 def identity_of(
     autopilot: Autopilot,
-    target: Target,
+    target: MavlinkTarget,
     received: ReceivedHeartbeat,
     version: Any,
     *,
     is_simulated: bool,
-) -> Identity:
+) -> VehicleIdentity:
     """Return the identity in a heartbeat and an AUTOPILOT_VERSION.
 
     is_simulated: whether it has sent its `simulation_message_id`.
@@ -62,7 +62,7 @@ def identity_of(
     release = _RELEASES.get(packed & 0xFF, str(packed & 0xFF))
     text = ".".join(map(str, numbers)) + (f"-{release}" if release else "")
     uid2 = bytes(version.uid2)
-    return Identity(
+    return VehicleIdentity(
         autopilot=autopilot.name,
         system_id=target.system,
         component_id=target.component,
@@ -78,7 +78,7 @@ def identity_of(
 
 
 @dataclass(frozen=True, slots=True)
-class Wanted:
+class WantedVehicle:
     """The vehicle that is wanted on a link; None for any."""
 
     autopilot: str | None = None
@@ -91,8 +91,8 @@ class Wanted:
 
 
 def matching_vehicle(
-    heartbeats: Mapping[Sender, ReceivedHeartbeat], wanted: Wanted
-) -> tuple[Sender, Autopilot] | None:
+    heartbeats: Mapping[HeartbeatSender, ReceivedHeartbeat], wanted: WantedVehicle
+) -> tuple[HeartbeatSender, Autopilot] | None:
     """Return the first received vehicle of the wanted identity that we can fly.
 
     Its component id is 1, by which guard and links know the autopilot's frames.
@@ -108,7 +108,7 @@ def matching_vehicle(
     return None
 
 
-def unsupported_version(identity: Identity) -> str:
+def unsupported_version(identity: VehicleIdentity) -> str:
     """Return in words that an autopilot's version is too old; empty when it is supported."""
     oldest = autopilot_named(identity.autopilot).oldest_version
     if identity.version[:2] >= oldest or identity.version == (0, 0, 0):
@@ -119,13 +119,15 @@ def unsupported_version(identity: Identity) -> str:
     )
 
 
-def same_vehicle(one: Identity, other: Identity) -> bool:
+def same_vehicle(one: VehicleIdentity, other: VehicleIdentity) -> bool:
     """Return whether two identities are of the same vehicle, by its board's unique id."""
     shared = one.simulation or other.simulation or not one.uid.strip("0")
     return one.uid == other.uid and not shared
 
 
-def describe_mismatches(heartbeats: Mapping[Sender, ReceivedHeartbeat], wanted: Wanted) -> str:
+def describe_mismatches(
+    heartbeats: Mapping[HeartbeatSender, ReceivedHeartbeat], wanted: WantedVehicle
+) -> str:
     """Return in words why none of the received vehicles is the wanted one."""
     lines = [_describe_mismatch(sender.target, each, wanted) for sender, each in heartbeats.items()]
     if all(each.vehicle_type == mavlink.MAV_TYPE_GCS for each in heartbeats.values()):
@@ -136,7 +138,9 @@ def describe_mismatches(heartbeats: Mapping[Sender, ReceivedHeartbeat], wanted: 
     return "; ".join(lines)
 
 
-def _describe_mismatch(target: Target, received: ReceivedHeartbeat, wanted: Wanted) -> str:
+def _describe_mismatch(
+    target: MavlinkTarget, received: ReceivedHeartbeat, wanted: WantedVehicle
+) -> str:
     """Return in words why a received vehicle is not the wanted one."""
     sender = f"system {target.system} component {target.component}"
     kind = _type_name(received.vehicle_type)
@@ -151,11 +155,11 @@ def _describe_mismatch(target: Target, received: ReceivedHeartbeat, wanted: Want
 
 def _known() -> str:
     """Return the autopilots that we can fly, in words."""
-    return " or ".join(strategy.label for strategy in strategies().values())
+    return " or ".join(strategy.label for strategy in autopilot_strategies().values())
 
 
 def _describe_own_kind(
-    target: Target, received: ReceivedHeartbeat, name: str, wanted: Wanted
+    target: MavlinkTarget, received: ReceivedHeartbeat, name: str, wanted: WantedVehicle
 ) -> str:
     """Return in words why a received vehicle of a known autopilot is not the wanted one."""
     kind = _type_name(received.vehicle_type)
@@ -175,7 +179,7 @@ def _describe_own_kind(
 
 def _board_text(version: Any) -> str:
     """Return the board's ids in an identity's AUTOPILOT_VERSION; empty where it names none."""
-    if not names_board(version):
+    if not has_board_ids(version):
         return ""
     return (
         f"vendor {version.vendor_id:04x}, product {version.product_id:04x}, board "

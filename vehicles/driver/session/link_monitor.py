@@ -5,7 +5,7 @@ from collections.abc import Callable
 
 from wil_campaign.vehicles.autopilots.autopilot import own_heartbeat
 from wil_campaign.vehicles.driver.session.repeater import Repeater
-from wil_campaign.vehicles.driver.session.session import Session
+from wil_campaign.vehicles.driver.session.session import MavlinkSession
 
 _HEARTBEAT_PERIOD_S = 1.0
 _WATCH_PERIOD_S = 0.1
@@ -21,7 +21,7 @@ class LinkMonitor:
     def __init__(
         self,
         *,
-        session: Session,
+        session: MavlinkSession,
         silence_s: float,
         on_lost: Callable[[float, float], None],
         on_back: Callable[[float, float], None],

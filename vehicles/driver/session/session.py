@@ -6,12 +6,12 @@ from typing import Any, NamedTuple
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from wil_campaign.vehicles.autopilots.autopilot import Target
+from wil_campaign.vehicles.autopilots.autopilot import MavlinkTarget
 from wil_campaign.vehicles.driver.session.arrivals import Arrivals
 from wil_campaign.vehicles.driver.session.second_vehicle import SecondVehicle
 from wil_campaign.vehicles.links.link import Link, TellsUnread
-from wil_campaign.vehicles.mavlink.codec import Codec
-from wil_campaign.vehicles.mavlink.framing import Frame
+from wil_campaign.vehicles.mavlink.codec import MavlinkCodec
+from wil_campaign.vehicles.mavlink.framing import MavlinkFrame
 from wil_campaign.vehicles.mavlink.heartbeats import HeartbeatKind, heartbeat_kind
 from wil_campaign.vehicles.mavlink.vehicle_frames import VehicleFrames
 
@@ -22,7 +22,7 @@ PayloadHandler = Callable[[bytes, float], None]
 """Takes a message's payload, trailing zeros missing, and the time of its arrival."""
 
 
-class Sender(NamedTuple):
+class HeartbeatSender(NamedTuple):
     """The sender of heartbeats in the session: its ids do not tell two of them apart."""
 
     system: int
@@ -30,9 +30,9 @@ class Sender(NamedTuple):
     kind: HeartbeatKind
 
     @property
-    def target(self) -> Target:
+    def target(self) -> MavlinkTarget:
         """Return the ids by which messages are sent to it."""
-        return Target(self.system, self.component)
+        return MavlinkTarget(self.system, self.component)
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,7 +54,7 @@ class ReceivedHeartbeat:
         return int(self.heartbeat.type)
 
 
-class Session:
+class MavlinkSession:
     """The MAVLink session with a vehicle: packs what we send, dispatches what it sends.
 
     Messages without a handler are not decoded. Until `target` is set, heartbeats of all systems
@@ -65,15 +65,15 @@ class Session:
     """
 
     def __init__(
-        self, *, link: Link, own: Target, sender: Callable[[Any], None] | None = None
+        self, *, link: Link, own: MavlinkTarget, sender: Callable[[Any], None] | None = None
     ) -> None:
         self.link = link
         self._sender = sender
         self.own = own
-        self.target: Target | None = None
+        self.target: MavlinkTarget | None = None
         self._kind: HeartbeatKind | None = None
         """Of the target's heartbeats; None for any."""
-        self.heartbeats: dict[Sender, ReceivedHeartbeat] = {}
+        self.heartbeats: dict[HeartbeatSender, ReceivedHeartbeat] = {}
         self.others: dict[HeartbeatKind, float] = {}
         """Other senders of heartbeats with the target's ids, and when each was first received."""
         self.on_other: Callable[[HeartbeatKind, float], None] | None = None
@@ -82,7 +82,7 @@ class Session:
         self._frames = VehicleFrames()
         self.last_received_s: float | None = None
         self.arrivals = Arrivals()
-        self.codec = Codec(system_id=own.system, component_id=own.component)
+        self.codec = MavlinkCodec(system_id=own.system, component_id=own.component)
         self.on_arrival: Callable[[float], None] | None = None
         """Called with the time of each arrival of the target, before its messages."""
         self._handlers: dict[int, list[Handler]] = {}
@@ -92,7 +92,7 @@ class Session:
         if isinstance(link, TellsUnread):
             link.on_unread(self.received_unread)
 
-    def select(self, vehicle: Sender | None) -> None:
+    def select(self, vehicle: HeartbeatSender | None) -> None:
         """Dispatch the messages of a vehicle alone from now on; None for all heartbeats again."""
         self.others.clear()
         self._frames, self.second_vehicle = VehicleFrames(), SecondVehicle()
@@ -167,7 +167,7 @@ class Session:
     def _note_version(self, message: Any, t_s: float) -> None:
         self.second_vehicle.version(message, t_s)
 
-    def _receive(self, frame: Frame, t_s: float) -> None:
+    def _receive(self, frame: MavlinkFrame, t_s: float) -> None:
         """Dispatch a frame with the target's ids, unless it is of a second sender with them."""
         own, others = self._frames.split(frame, t_s)
         for _ in others:
@@ -184,20 +184,20 @@ class Session:
         if self.on_other is not None:
             self.on_other(kind, t_s)
 
-    def _note_heartbeat(self, frame: Frame, t_s: float) -> None:
+    def _note_heartbeat(self, frame: MavlinkFrame, t_s: float) -> None:
         if frame.message_id != mavlink.MAVLINK_MSG_ID_HEARTBEAT:
             return
         message = self.codec.decode(frame)
         if message is None:
             return
-        sender = Sender(
+        sender = HeartbeatSender(
             frame.system, frame.component, HeartbeatKind(message.type, message.autopilot)
         )
         self.heartbeats[sender] = ReceivedHeartbeat(message, t_s, frame.version)
         for handler in self._handlers.get(frame.message_id, ()):
             handler(message, t_s)
 
-    def _dispatch(self, frame: Frame, t_s: float) -> None:
+    def _dispatch(self, frame: MavlinkFrame, t_s: float) -> None:
         match frame.message_id:
             case mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED:
                 self.second_vehicle.position(frame.payload, t_s)

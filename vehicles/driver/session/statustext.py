@@ -16,7 +16,7 @@ width), surrogates, private and unassigned ones, and separators of lines."""
 
 
 @dataclass(frozen=True, slots=True)
-class WholeText:
+class WholeStatustext:
     """A STATUSTEXT as far as it came. t_s: when its last piece arrived (run clock)."""
 
     t_s: float
@@ -40,10 +40,10 @@ class _Unfinished:
         return len(self.pieces) == last + 1 and len(self.pieces[last]) < _PIECE_BYTES
 
     @property
-    def whole(self) -> WholeText:
+    def whole(self) -> WholeStatustext:
         """Return the text of the pieces that came; "... " stands for those that did not."""
         if not any(self.pieces.values()):
-            return WholeText(self.last_s, self.severity, "")  # ArduPilot's end of a full text
+            return WholeStatustext(self.last_s, self.severity, "")  # ArduPilot's end of a full text
         runs: list[bytes] = []
         due = 0
         for place, piece in sorted(self.pieces.items()):
@@ -52,10 +52,10 @@ class _Unfinished:
                 runs.append(b"")
             runs[-1] += piece
             due = place + 1
-        text = _GAP.join(map(printable, runs))
+        text = _GAP.join(map(printable_statustext, runs))
         if min(self.pieces) > 0:
             text = _GAP + text
-        return WholeText(self.last_s, self.severity, text.strip())
+        return WholeStatustext(self.last_s, self.severity, text.strip())
 
 
 class StatustextPieces:
@@ -70,18 +70,18 @@ class StatustextPieces:
         self._finished: _Unfinished | None = None
 
     @property
-    def unfinished(self) -> WholeText | None:
+    def unfinished(self) -> WholeStatustext | None:
         """Return what has come of a text that is not complete; None without one."""
         return None if self._unfinished is None else self._unfinished.whole
 
-    def add(self, payload: bytes, t_s: float) -> list[WholeText]:
+    def add(self, payload: bytes, t_s: float) -> list[WholeStatustext]:
         """Add a STATUSTEXT's payload; return the texts that are complete now, in order."""
         payload = payload.ljust(_CHUNK_AT + 1, b"\0")
         text_id = int.from_bytes(payload[_ID_AT:_CHUNK_AT], "little")
         piece = payload[_TEXT_AT:_ID_AT].split(b"\0")[0]
         found = self.expire(t_s)
         if text_id == 0:
-            return [*found, WholeText(t_s, payload[0], printable(piece).strip())]
+            return [*found, WholeStatustext(t_s, payload[0], printable_statustext(piece).strip())]
         if self._is_doubled(text_id, payload[_CHUNK_AT], piece, t_s):
             return found
         if self._unfinished is None or self._unfinished.text_id != text_id:
@@ -91,13 +91,13 @@ class StatustextPieces:
         self._unfinished.last_s = t_s
         return found + self._finish() if self._unfinished.is_whole else found
 
-    def expire(self, t_s: float) -> list[WholeText]:
+    def expire(self, t_s: float) -> list[WholeStatustext]:
         """Return the text that nothing has completed for a second, if there is one."""
         waiting = self._unfinished
         due = waiting is not None and t_s - waiting.last_s >= _LATE_S
         return self._finish() if due else []
 
-    def _finish(self) -> list[WholeText]:
+    def _finish(self) -> list[WholeStatustext]:
         finished, self._unfinished = self._unfinished, None
         if finished is None:
             return []
@@ -112,7 +112,7 @@ class StatustextPieces:
         return last.pieces.get(place) == piece
 
 
-def printable(raw: bytes) -> str:
+def printable_statustext(raw: bytes) -> str:
     """Return the text of UTF-8 bytes without what is no character to print.
 
     White space of any kind becomes a space; what else a terminal or a page would obey, and bytes

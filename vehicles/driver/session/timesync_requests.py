@@ -7,7 +7,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from wil_campaign.vehicles.clocks.timesync import VehicleClock
 from wil_campaign.vehicles.driver.session.repeater import Repeater
-from wil_campaign.vehicles.driver.session.session import Session
+from wil_campaign.vehicles.driver.session.session import MavlinkSession
 
 _BURST = 10
 _BURST_PERIOD_S = 0.0937
@@ -21,7 +21,7 @@ class TimesyncRequester:
     The autopilot's own TIMESYNC requests are not answered: what we send is stamped by its clock.
     """
 
-    def __init__(self, *, session: Session, clock: VehicleClock) -> None:
+    def __init__(self, *, session: MavlinkSession, clock: VehicleClock) -> None:
         self._session = session
         self._clock = clock
         self._sent = 0

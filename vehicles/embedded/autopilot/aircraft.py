@@ -4,33 +4,33 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from wil_campaign.vehicles.embedded.autopilot.flight.autopilot_state import Identity
+from wil_campaign.vehicles.embedded.autopilot.flight.autopilot_state import EmulatedIdentity
 from wil_campaign.vehicles.embedded.autopilot.flight.mission_items import ItemRules
-from wil_campaign.vehicles.embedded.autopilot.flight.parameter_table import Parameters
+from wil_campaign.vehicles.embedded.autopilot.flight.parameter_table import ParameterTable
 from wil_campaign.vehicles.embedded.autopilot.services.discovery import ModeEntry
 from wil_campaign.vehicles.embedded.autopilot.services.log_formats import LogWriter
 from wil_campaign.vehicles.embedded.physics.airframe import Airframe
-from wil_campaign.vehicles.embedded.physics.body import Body
+from wil_campaign.vehicles.embedded.physics.body import FlyingBody
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Aircraft:
+class EmulatedAircraft:
     """What an emulated autopilot flies. overrides: of its parameters. dt_s: of a physics step.
 
     full_streams: whether it sends all streams of the firmware, not only those that a run needs.
     body: its simulator's ground truth is the autopilot's, and its step runs the law.
     """
 
-    identity: Identity
+    identity: EmulatedIdentity
     airframe: Airframe
     dt_s: float
-    body: Body
+    body: FlyingBody
     overrides: Mapping[str, float]
     full_streams: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Firmware:
+class FirmwareTraits:
     """What a firmware has, and how it differs in services that both have.
 
     mode_entries: in AVAILABLE_MODES. other_mode: MISSION_CURRENT.mission_mode outside of missions.
@@ -46,7 +46,7 @@ class Firmware:
     parameter_file: Path
     bytewise: bool
     strict_parameters: bool
-    files: Mapping[str, Callable[[Parameters], bytes]]
+    files: Mapping[str, Callable[[ParameterTable], bytes]]
     item_rules: ItemRules
     first_mission_item: int
     mode_entries: tuple[ModeEntry, ...]
@@ -55,6 +55,6 @@ class Firmware:
     set_mode_ack: int
     heights_relative: bool
     numbers_texts: bool
-    log_format: Callable[[int, Parameters], LogWriter]
+    log_format: Callable[[int, ParameterTable], LogWriter]
     first_log: int
     gps_time_s: float

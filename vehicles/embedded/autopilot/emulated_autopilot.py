@@ -11,13 +11,16 @@ from typing import Any, ClassVar, Generic, NamedTuple, Protocol, TypeVar
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from wil_campaign.vehicles.embedded.autopilot.aircraft import Aircraft, Firmware
+from wil_campaign.vehicles.embedded.autopilot.aircraft import EmulatedAircraft, FirmwareTraits
 from wil_campaign.vehicles.embedded.autopilot.flight import telemetry
-from wil_campaign.vehicles.embedded.autopilot.flight.autopilot_state import State
+from wil_campaign.vehicles.embedded.autopilot.flight.autopilot_state import AutopilotState
 from wil_campaign.vehicles.embedded.autopilot.flight.flight import Flight, FlightStyle
-from wil_campaign.vehicles.embedded.autopilot.flight.guidance import Behaviour, Follow
+from wil_campaign.vehicles.embedded.autopilot.flight.guidance import (
+    FollowBehaviour,
+    GuidanceBehaviour,
+)
 from wil_campaign.vehicles.embedded.autopilot.flight.manoeuvres import Manoeuvres
-from wil_campaign.vehicles.embedded.autopilot.flight.mission_items import Item
+from wil_campaign.vehicles.embedded.autopilot.flight.mission_items import EmulatedMissionItem
 from wil_campaign.vehicles.embedded.autopilot.flight.parameter_table import load_parameters
 from wil_campaign.vehicles.embedded.autopilot.flight.setpoint_targets import (
     RELATIVE_ALTITUDE_FRAMES,
@@ -35,7 +38,7 @@ from wil_campaign.vehicles.embedded.autopilot.services.command_registry import (
     DENIED,
     TEMPORARILY_REJECTED,
     UNSUPPORTED,
-    Command,
+    ReceivedCommand,
     on_command,
     on_message,
     on_request,
@@ -89,14 +92,16 @@ class EmulatedAutopilot(ABC, Generic[Mode]):
     """Of the autopilot, in campaigns."""
     builders: ClassVar[dict[int, telemetry.Builder]]
     style: ClassVar[FlightStyle]
-    firmware: ClassVar[Firmware]
+    firmware: ClassVar[FirmwareTraits]
     standard: StandardModes[Mode]
     no_mission_items: ClassVar[int] = 0
     """MISSION_CURRENT.total without a mission."""
     manoeuvres: Manoeuvres
-    follow: Follow
+    follow: FollowBehaviour
 
-    def __init__(self, aircraft: Aircraft, *, rates_hz: Mapping[int, float], mode: Mode) -> None:
+    def __init__(
+        self, aircraft: EmulatedAircraft, *, rates_hz: Mapping[int, float], mode: Mode
+    ) -> None:
         self.identity = identity = aircraft.identity
         firmware = self.firmware
         airframe, dt_s = aircraft.airframe, aircraft.dt_s
@@ -104,7 +109,7 @@ class EmulatedAutopilot(ABC, Generic[Mode]):
             firmware.parameter_file, bytewise=firmware.bytewise, overrides=aircraft.overrides
         )
         self._body = body = aircraft.body
-        self.state = State(
+        self.state = AutopilotState(
             frame=identity.origin,
             charge=body.battery.charge,
             estimate=body.estimate,
@@ -191,15 +196,15 @@ class EmulatedAutopilot(ABC, Generic[Mode]):
         """Handle a collision of the airframe with an object: the motors stop."""
 
     @abstractmethod
-    def lift(self, down_m: float) -> Behaviour | None:
+    def lift(self, down_m: float) -> GuidanceBehaviour | None:
         """Return the behaviour before a mission's waypoint from the ground; or None."""
 
     @abstractmethod
-    def _behaviour(self, mode: Mode) -> Behaviour:
+    def _behaviour(self, mode: Mode) -> GuidanceBehaviour:
         """Return the behaviour that a mode flies from here."""
 
     @abstractmethod
-    def _is_forced(self, command: Command) -> bool:
+    def _is_forced(self, command: ReceivedCommand) -> bool:
         """Return whether an arm or disarm command skips the checks."""
 
     @abstractmethod
@@ -239,7 +244,7 @@ class EmulatedAutopilot(ABC, Generic[Mode]):
         """Return whether a changed speed holds for what is flown now."""
         return True
 
-    def return_home(self) -> Behaviour:
+    def return_home(self) -> GuidanceBehaviour:
         """Return the behaviour that flies home."""
         return self.manoeuvres.go_home()
 
@@ -261,7 +266,7 @@ class EmulatedAutopilot(ABC, Generic[Mode]):
         """Return the MAV_MISSION_RESULT of an uploaded fence."""
         return mission_service.ACCEPTED
 
-    def _go_to_item(self, item: Item) -> int:  # noqa: ARG002 - ArduCopter looks at it
+    def _go_to_item(self, item: EmulatedMissionItem) -> int:  # noqa: ARG002 - ArduCopter looks at it
         """Fly to a MISSION_ITEM at once ("guided" item); return a MAV_MISSION_RESULT."""
         return int(mavlink.MAV_MISSION_ERROR)
 
@@ -338,7 +343,7 @@ class EmulatedAutopilot(ABC, Generic[Mode]):
         )
 
     @on_command(mavlink.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN)
-    def _reboot(self, command: Command) -> int:
+    def _reboot(self, command: ReceivedCommand) -> int:
         if self.flight.armed:
             return TEMPORARILY_REJECTED
         if command.params[0] != 1.0:
@@ -374,23 +379,23 @@ class EmulatedAutopilot(ABC, Generic[Mode]):
         self.hub.acknowledge(self.firmware.set_mode_ack, result, peer)
 
     @on_command(mavlink.MAV_CMD_DO_SET_MODE)
-    def _set_mode(self, command: Command) -> int:
+    def _set_mode(self, command: ReceivedCommand) -> int:
         if not command.whole(0) & mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED:
             return DENIED
         return self.set_mode(command.whole(1), command.whole(2))
 
     @on_command(mavlink.MAV_CMD_NAV_LAND)
-    def _land(self, _: Command) -> int:
+    def _land(self, _: ReceivedCommand) -> int:
         return self.choose(self.standard.land)
 
     @on_command(mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH)
-    def _return(self, _: Command) -> int:
+    def _return(self, _: ReceivedCommand) -> int:
         return self.choose(self.standard.return_home)
 
     # Arming.
 
     @on_command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM)
-    def _arm_disarm(self, command: Command) -> int:
+    def _arm_disarm(self, command: ReceivedCommand) -> int:
         forced = self._is_forced(command)
         if command.params[0] == 1.0:
             return self.arm(force=forced)
@@ -453,7 +458,7 @@ class EmulatedAutopilot(ABC, Generic[Mode]):
         if self.flight.armed and self.mode.is_manual and not flown:
             self.flight.fly(self._by_sticks())
 
-    def _by_sticks(self) -> Behaviour:
+    def _by_sticks(self) -> GuidanceBehaviour:
         return FlyBySticks(
             sticks=self.fresh_sticks,
             limits=self._stick_limits(),
@@ -462,7 +467,7 @@ class EmulatedAutopilot(ABC, Generic[Mode]):
 
     # Places, missions and fences.
 
-    def place_of(self, command: Command) -> Vec3:
+    def place_of(self, command: ReceivedCommand) -> Vec3:
         """Return a command's position, local; values that are not finite mean the present ones."""
         state = self.state
         here = state.frame.to_geodetic(state.now.position_ned_m)
@@ -476,7 +481,7 @@ class EmulatedAutopilot(ABC, Generic[Mode]):
         )
 
     @on_command(mavlink.MAV_CMD_DO_SET_HOME)
-    def _set_home(self, command: Command) -> int:
+    def _set_home(self, command: ReceivedCommand) -> int:
         if command.params[0] == 1.0:
             self.state.home_ned_m = self.state.now.position_ned_m
         elif command.has_place:
@@ -486,7 +491,7 @@ class EmulatedAutopilot(ABC, Generic[Mode]):
         self.outbox.send_later(telemetry.home_position(self.state))
         return ACCEPTED
 
-    def _accept_items(self, kind: int, items: tuple[Item, ...]) -> int:
+    def _accept_items(self, kind: int, items: tuple[EmulatedMissionItem, ...]) -> int:
         if kind == mission_service.FENCE:
             try:
                 fence = emulated_fence(items, self.state.frame)
@@ -500,10 +505,10 @@ class EmulatedAutopilot(ABC, Generic[Mode]):
             self.missions.accept(len(items))
         return mission_service.ACCEPTED
 
-    def _home_item(self) -> Item:
+    def _home_item(self) -> EmulatedMissionItem:
         frame, home = self.state.frame, self.state.home_ned_m
         here = frame.to_geodetic(home or (0.0, 0.0, 0.0))
-        return Item(
+        return EmulatedMissionItem(
             mavlink.MAV_FRAME_GLOBAL,
             mavlink.MAV_CMD_NAV_WAYPOINT,
             (0.0, 0.0, 0.0, 0.0),

@@ -5,23 +5,23 @@ from typing import Any, Protocol
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from wil_campaign.vehicles.embedded.autopilot.aircraft import Firmware
-from wil_campaign.vehicles.embedded.autopilot.flight.autopilot_state import State
+from wil_campaign.vehicles.embedded.autopilot.aircraft import FirmwareTraits
+from wil_campaign.vehicles.embedded.autopilot.flight.autopilot_state import AutopilotState
 from wil_campaign.vehicles.embedded.autopilot.flight.flight import Flight
-from wil_campaign.vehicles.embedded.autopilot.flight.guidance import Behaviour
+from wil_campaign.vehicles.embedded.autopilot.flight.guidance import GuidanceBehaviour
 from wil_campaign.vehicles.embedded.autopilot.flight.manoeuvres import Manoeuvres
 from wil_campaign.vehicles.embedded.autopilot.flight.mission_flight import (
     LOOKS,
     FlyMission,
     MissionMakers,
 )
-from wil_campaign.vehicles.embedded.autopilot.flight.mission_items import Item
+from wil_campaign.vehicles.embedded.autopilot.flight.mission_items import EmulatedMissionItem
 from wil_campaign.vehicles.embedded.autopilot.flight.places import is_on_globe
 from wil_campaign.vehicles.embedded.autopilot.services.command_registry import (
     ACCEPTED,
     DENIED,
     FAILED,
-    Command,
+    ReceivedCommand,
     on_command,
     on_message,
     on_request,
@@ -36,13 +36,13 @@ from wil_campaign.vehicles.embedded.autopilot.services.outbox import Outbox
 class MissionAutopilot(Protocol):
     """The autopilot that flies missions (protocol)."""
 
-    state: State
+    state: AutopilotState
     flight: Flight
     outbox: Outbox
     manoeuvres: Manoeuvres
 
     @property
-    def firmware(self) -> Firmware:
+    def firmware(self) -> FirmwareTraits:
         """Return what the firmware has."""
 
     @property
@@ -53,10 +53,10 @@ class MissionAutopilot(Protocol):
     def flies_by_speeds(self) -> bool:
         """Return whether a changed speed holds for what is flown now."""
 
-    def return_home(self) -> Behaviour:
+    def return_home(self) -> GuidanceBehaviour:
         """Return the behaviour that flies home."""
 
-    def lift(self, down_m: float) -> Behaviour | None:
+    def lift(self, down_m: float) -> GuidanceBehaviour | None:
         """Return the behaviour before a mission's waypoint from the ground; or None."""
 
     def look_at(self, latitude_deg: float, longitude_deg: float) -> None:
@@ -79,7 +79,7 @@ class Missions:
         self._has_begun = self._is_complete = False
 
     @property
-    def items(self) -> tuple[Item, ...]:
+    def items(self) -> tuple[EmulatedMissionItem, ...]:
         """Return the items; of ArduPilot, item 0 is home."""
         return self._service.items(MISSION)
 
@@ -96,7 +96,7 @@ class Missions:
 
     # Flying.
 
-    def begin(self) -> Behaviour:
+    def begin(self) -> GuidanceBehaviour:
         """Return the behaviour of the uploaded mission, from the current item on."""
         autopilot, state = self._autopilot, self._autopilot.state
         if self._is_complete:
@@ -143,7 +143,7 @@ class Missions:
     # Messages and commands.
 
     @on_command(*LOOKS)
-    def _look(self, command: Command) -> int:
+    def _look(self, command: ReceivedCommand) -> int:
         if command.number == mavlink.MAV_CMD_DO_SET_ROI_NONE:
             self.look_at(0.0, 0.0)
         elif is_on_globe(command.x, command.y):
@@ -179,7 +179,7 @@ class Missions:
         self._autopilot.outbox.send(self._mission_current())
 
     @on_command(mavlink.MAV_CMD_DO_SET_MISSION_CURRENT)
-    def _do_set_current(self, command: Command) -> int:
+    def _do_set_current(self, command: ReceivedCommand) -> int:
         if command.params[1] == 1.0:
             self._has_begun = self._is_complete = False
         seq = command.whole(0)
@@ -197,7 +197,7 @@ class Missions:
         return True
 
     @on_command(mavlink.MAV_CMD_DO_CHANGE_SPEED)
-    def _change_speed(self, command: Command) -> int:
+    def _change_speed(self, command: ReceivedCommand) -> int:
         autopilot = self._autopilot
         kind, speed_m_s = command.params[0], command.params[1]
         if math.isnan(speed_m_s) or not autopilot.manoeuvres.change_speed(kind, speed_m_s):

@@ -6,7 +6,7 @@ All angles rad, NED, body x forward, y right, z down. Arrays: `body` is the airf
 
 import math
 
-from wil_campaign.worlds.jit import F64, Float, Int, inlined
+from wil_campaign.worlds.jit import F64, Float, Int, jit_inlined
 
 GRAVITY_M_S2 = 9.80665
 STATE, GAINS, AIRFRAME, TARGET, THRUSTS, STEP_S = (
@@ -17,19 +17,19 @@ that Python passes one array: `s`, `g`, `body`, `t`, `out` and `dt` of the kerne
 LAW_NUMBERS = 111
 
 
-@inlined
+@jit_inlined
 def clamp(value: Float, limit: Float) -> Float:
     """Return a value clamped to plus or minus a limit."""
     return min(max(value, -limit), limit)
 
 
-@inlined
-def wrap(angle_rad: Float) -> Float:
+@jit_inlined
+def wrap_angle(angle_rad: Float) -> Float:
     """Return an angle wrapped to [-pi, pi)."""
     return (angle_rad + math.pi) % (2.0 * math.pi) - math.pi
 
 
-@inlined
+@jit_inlined
 def root_gain(error: Float, gain: Float, second_limit: Float) -> Float:
     """Return the factor from an error to its rate: linear when small, square root when large.
 
@@ -43,7 +43,7 @@ def root_gain(error: Float, gain: Float, second_limit: Float) -> Float:
     return factor
 
 
-@inlined
+@jit_inlined
 def shape_horizontal(
     shape: F64, target: F64, speed: Float, acceleration: Float, jerk: Float,
     place_gain: Float, speed_gain: Float, dt: Float,
@@ -80,7 +80,7 @@ def shape_horizontal(
     shape[4] += shape[7] * dt
 
 
-@inlined
+@jit_inlined
 def shape_vertical(
     shape: F64, target: F64, up: Float, down: Float, acceleration: Float, jerk: Float,
     place_gain: Float, speed_gain: Float, dt: Float,
@@ -97,8 +97,8 @@ def shape_vertical(
     shape[5] += shape[8] * dt
 
 
-@inlined
-def filter_share(cutoff_hz: Float, dt: Float) -> Float:
+@jit_inlined
+def low_pass_share(cutoff_hz: Float, dt: Float) -> Float:
     """Return a new sample's weight in a first-order low pass; 1 without a cutoff."""
     share = 1.0
     if cutoff_hz > 0.0:
@@ -106,8 +106,8 @@ def filter_share(cutoff_hz: Float, dt: Float) -> Float:
     return share
 
 
-@inlined
-def multiply(
+@jit_inlined
+def quaternion_product(
     a: tuple[Float, Float, Float, Float], b: tuple[Float, Float, Float, Float]
 ) -> tuple[Float, Float, Float, Float]:
     """Return the product of two quaternions (w, x, y, z)."""
@@ -121,8 +121,10 @@ def multiply(
     )
 
 
-@inlined
-def from_euler(roll: Float, pitch: Float, yaw: Float) -> tuple[Float, Float, Float, Float]:
+@jit_inlined
+def quaternion_from_euler(
+    roll: Float, pitch: Float, yaw: Float
+) -> tuple[Float, Float, Float, Float]:
     """Return the quaternion of Euler angles, yaw first."""
     cr, sr = math.cos(0.5 * roll), math.sin(0.5 * roll)
     cp, sp = math.cos(0.5 * pitch), math.sin(0.5 * pitch)
@@ -135,8 +137,10 @@ def from_euler(roll: Float, pitch: Float, yaw: Float) -> tuple[Float, Float, Flo
     )
 
 
-@inlined
-def allocate(body: F64, thrust: Float, roll: Float, pitch: Float, yaw: Float, out: F64) -> Int:
+@jit_inlined
+def allocate_motor_thrusts(
+    body: F64, thrust: Float, roll: Float, pitch: Float, yaw: Float, out: F64
+) -> Int:
     """Set the motors' thrusts (N) for a thrust (N) and torques (N m), PX4's quad X order.
 
     To keep all motors between zero and their maximum, yaw is reduced first, then thrust. Return the

@@ -17,12 +17,12 @@ from wil_campaign.vehicles.embedded.control.kernels import (
     TARGET,
     THRUSTS,
 )
-from wil_campaign.vehicles.embedded.control.target import Target
+from wil_campaign.vehicles.embedded.control.target import ControlTarget
 from wil_campaign.vehicles.embedded.physics.airframe import Airframe
 from wil_campaign.vehicles.embedded.physics.motion_kernel import NO_LAW, Advance
 from wil_campaign.vehicles.poses.truth import Thrusts
 from wil_campaign.worlds.frames import Vec3
-from wil_campaign.worlds.jit import F64, direct
+from wil_campaign.worlds.jit import F64, kernel_dispatcher
 
 _OUTER_STEPS = 2
 """The position part runs every second step, 125 Hz."""
@@ -38,14 +38,14 @@ _RATE_GAIN_TIMES_LAG = 0.85
 """Rate loop's gain (1/s) times motor lag in PX4's SIH at default gains: 0.15 * 113.1 * 0.05."""
 
 
-class Gains(Protocol):
+class LawGains(Protocol):
     """Parameters by name (protocol)."""
 
     def __getitem__(self, name: str) -> float:
         """Return a parameter's value."""
 
 
-class LawKind(NamedTuple):
+class ControlLawKind(NamedTuple):
     """A firmware's law: its step, and the step of a body that it flies (kernels), its gains.
 
     authority_rad_s2: angular acceleration per normalised torque, per axis.
@@ -70,9 +70,9 @@ class LawKind(NamedTuple):
         return (min(roll, most), min(pitch, most), yaw)
 
 
-PX4 = LawKind(
-    px4_kernel.step,
-    px4_kernel.advance,
+PX4 = ControlLawKind(
+    px4_kernel.step_px4_law,
+    px4_kernel.advance_px4_body,
     px4_kernel.GAINS,
     px4_kernel.DEGREES,
     (),
@@ -92,14 +92,14 @@ class ControlLaw:
     def __init__(
         self,
         *,
-        kind: LawKind,
+        kind: ControlLawKind,
         airframe: Airframe,
         dt_s: float,
-        parameters: Gains,
+        parameters: LawGains,
         array: F64 | None = None,
     ) -> None:
         self._kind = kind
-        self._step = direct(kind.step)
+        self._step = kernel_dispatcher(kind.step)
         self._array = array = np.zeros(LAW_NUMBERS) if array is None else array
         array[:] = 0.0
         array[STEP_S] = dt_s
@@ -116,7 +116,7 @@ class ControlLaw:
             airframe.max_thrust_n,
             *kind.authority(airframe.motor_lag_s),
         )
-        self._last_target: Target | None = None
+        self._last_target: ControlTarget | None = None
         self.takes_target = True
         """Whether the next step runs the position part, which reads the target."""
         self.configure(parameters)
@@ -126,7 +126,7 @@ class ControlLaw:
         """Return the law's heading setpoint."""
         return float(self._state[_HEADING])
 
-    def configure(self, parameters: Gains) -> None:
+    def configure(self, parameters: LawGains) -> None:
         """Set the law's gains from parameters.
 
         A negative one acts as 0, a huge one as the largest that the law can compute with; one that
@@ -148,13 +148,13 @@ class ControlLaw:
         self._state[_HEADING] = yaw_rad
         self.takes_target = True
 
-    def outer_steps(self, target: Target | None) -> int:
+    def outer_steps(self, target: ControlTarget | None) -> int:
         """Return the outer steps of the law's next step; NO_LAW where this target is new to it."""
         if not self.takes_target:
             return 0
         return _OUTER_STEPS if target is not None and target is self._last_target else NO_LAW
 
-    def run(self, now: F64, target: Target, *, flown: bool = False) -> Thrusts:
+    def run(self, now: F64, target: ControlTarget, *, flown: bool = False) -> Thrusts:
         """Return the law's thrusts of this step; `now` is the estimate's motion array.
 
         flown: the step of the body has run the law already.
@@ -168,7 +168,7 @@ class ControlLaw:
         a, b, c, d = self._thrusts.tolist()
         return (a, b, c, d)
 
-    def _set_target(self, target: Target) -> None:
+    def _set_target(self, target: ControlTarget) -> None:
         (n, e, d), velocity, yaw_rad, rate_rad_s, speeds, direct = target
         self._last_target, nan = target, math.nan
         _TARGET.pack_into(

@@ -8,22 +8,22 @@ import math
 
 from wil_campaign.vehicles.embedded.control.kernels import (
     GRAVITY_M_S2,
-    allocate,
+    allocate_motor_thrusts,
     clamp,
-    filter_share,
-    from_euler,
-    multiply,
+    low_pass_share,
+    quaternion_from_euler,
+    quaternion_product,
     shape_horizontal,
     shape_vertical,
-    wrap,
+    wrap_angle,
 )
 from wil_campaign.vehicles.embedded.physics.motion_kernel import (
     FINITE,
     FLOWN,
     WRECKED,
-    read_and_estimate,
+    read_and_estimate_motion,
 )
-from wil_campaign.worlds.jit import F64, Int, compiled
+from wil_campaign.worlds.jit import F64, Int, jit_compiled
 
 GAINS = (
     "MPC_XY_P",
@@ -81,8 +81,8 @@ _LEAST_W_N_RAD_S = 1.0
 # 40 its body rates (3), 43 its turn of this step (3).
 
 
-@compiled
-def step(law: F64, m: F64, outer: int) -> Int:
+@jit_compiled
+def step_px4_law(law: F64, m: F64, outer: int) -> Int:
     """Advance PX4's law by a step; its position part by `outer` steps, not at all for 0."""
     s, g, body, t, out = law[0:48], law[48:84], law[84:94], law[94:106], law[106:110]
     dt = law[110]
@@ -92,17 +92,17 @@ def step(law: F64, m: F64, outer: int) -> Int:
     return 0
 
 
-@compiled
-def advance(body: F64, late: F64, number: int, outer: int) -> Int:
-    """Set a body's true motion and estimate, as `read_and_estimate`; then run the law, if any."""
-    bits = read_and_estimate(body, late, number, outer)
+@jit_compiled
+def advance_px4_body(body: F64, late: F64, number: int, outer: int) -> Int:
+    """Set a body's motion and estimate as `read_and_estimate_motion`; then run the law, if any."""
+    bits = read_and_estimate_motion(body, late, number, outer)
     if outer >= 0 and bits & (FINITE | WRECKED) == FINITE:
-        step(body[57:168], body[42:57], outer)
+        step_px4_law(body[57:168], body[42:57], outer)
         bits |= FLOWN
     return bits
 
 
-@compiled
+@jit_compiled
 def _position(s: F64, g: F64, m: F64, t: F64, dt: float) -> Int:
     """Set the acceleration setpoint from position and velocity, and the heading setpoint."""
     across, up, down = t[8], t[9], t[10]
@@ -133,7 +133,7 @@ def _position(s: F64, g: F64, m: F64, t: F64, dt: float) -> Int:
         vd += (pd - m[2]) * g[1]
     vd = min(max(vd, -up), down)
     # Velocity.
-    share = filter_share(g[8], dt)
+    share = low_pass_share(g[8], dt)
     for i in range(3):
         if s[33] == 0.0:
             s[13 + i] = m[3 + i]
@@ -161,15 +161,15 @@ def _position(s: F64, g: F64, m: F64, t: F64, dt: float) -> Int:
     # Heading: a trajectory turns no faster than its limit, a setpoint is used as it is.
     turn = t[7] * dt
     if t[6] == t[6]:
-        turn = wrap(t[6] - s[9])
+        turn = wrap_angle(t[6] - s[9])
     if t[11] == 0.0:
         turn = clamp(turn, g[31] * dt)
-    s[9] = wrap(s[9] + turn)
+    s[9] = wrap_angle(s[9] + turn)
     s[35] = t[7] if t[6] != t[6] else 0.0
     return 0
 
 
-@compiled
+@jit_compiled
 def _attitude(s: F64, g: F64, body: F64, m: F64, dt: float, out: F64) -> Int:
     """Set the motors' thrusts from the acceleration and heading setpoints."""
     north, east, up = s[19], s[20], GRAVITY_M_S2 - s[21]
@@ -183,10 +183,10 @@ def _attitude(s: F64, g: F64, body: F64, m: F64, dt: float, out: F64) -> Int:
     right, forward = zy * cos - zx * sin, zx * cos + zy * sin
     roll_sp = -math.asin(min(max(right, -1.0), 1.0))
     pitch_sp = math.atan2(forward, zz)
-    _smooth(s, g, from_euler(roll_sp, pitch_sp, yaw), dt)
-    q = from_euler(m[6], m[7], m[8])
+    _smooth(s, g, quaternion_from_euler(roll_sp, pitch_sp, yaw), dt)
+    q = quaternion_from_euler(m[6], m[7], m[8])
     p_sp, q_sp, r_sp = _rate_setpoint(s, g, q)
-    share = filter_share(g[27], dt)
+    share = low_pass_share(g[27], dt)
     for i in range(3):
         s[28 + i] += share * ((m[9 + i] - s[25 + i]) / dt - s[28 + i])
         s[25 + i] = m[9 + i]
@@ -196,15 +196,17 @@ def _attitude(s: F64, g: F64, body: F64, m: F64, dt: float, out: F64) -> Int:
     turn = body[9] * (g[19] * er + s[24] - g[25] * s[30])
     s[22] = clamp(s[22] + g[20] * ep * dt, 0.3)
     s[23] = clamp(s[23] + g[21] * eq * dt, 0.3)
-    s[31] += filter_share(g[26], dt) * (turn - s[31])
-    lacking = allocate(body, thrust, body[1] * roll, body[2] * pitch, body[3] * s[31], out)
+    s[31] += low_pass_share(g[26], dt) * (turn - s[31])
+    lacking = allocate_motor_thrusts(
+        body, thrust, body[1] * roll, body[2] * pitch, body[3] * s[31], out
+    )
     # The yaw torque that the motors cannot produce is not integrated.
     if lacking * er <= 0.0:
         s[24] = clamp(s[24] + g[22] * er * dt, 0.3)
     return 0
 
 
-@compiled
+@jit_compiled
 def _smooth(s: F64, g: F64, qd: tuple[float, float, float, float], dt: float) -> Int:
     """Advance the attitude reference towards a setpoint: second order, critically damped.
 
@@ -213,7 +215,7 @@ def _smooth(s: F64, g: F64, qd: tuple[float, float, float, float], dt: float) ->
     if s[36] == 0.0 and s[37] == 0.0 and s[38] == 0.0 and s[39] == 0.0:
         s[36], s[37], s[38], s[39] = qd
         s[40] = s[41] = s[42] = 0.0
-    w, x, y, z = multiply((s[36], -s[37], -s[38], -s[39]), qd)
+    w, x, y, z = quaternion_product((s[36], -s[37], -s[38], -s[39]), qd)
     size = math.sqrt(x * x + y * y + z * z)
     factor = 2.0 if w >= 0.0 else -2.0
     if size > 1e-9:
@@ -228,7 +230,7 @@ def _smooth(s: F64, g: F64, qd: tuple[float, float, float, float], dt: float) ->
     x, y, z = s[43], s[44], s[45]
     angle = math.sqrt(x * x + y * y + z * z)
     factor = math.sin(0.5 * angle) / angle if angle > 1e-9 else 0.5
-    w, x, y, z = multiply(
+    w, x, y, z = quaternion_product(
         (s[36], s[37], s[38], s[39]), (math.cos(0.5 * angle), x * factor, y * factor, z * factor)
     )
     size = math.sqrt(w * w + x * x + y * y + z * z)
@@ -236,7 +238,7 @@ def _smooth(s: F64, g: F64, qd: tuple[float, float, float, float], dt: float) ->
     return 0
 
 
-@compiled
+@jit_compiled
 def _rate_setpoint(
     s: F64, g: F64, q: tuple[float, float, float, float]
 ) -> tuple[float, float, float]:
@@ -251,29 +253,33 @@ def _rate_setpoint(
     rw, rx, ry, rz = 1.0 + dot, ey * zz - ez * zy, ez * zx - ex * zz, ex * zy - ey * zx
     norm = math.sqrt(rw * rw + rx * rx + ry * ry + rz * rz)
     if norm > 1e-3:
-        reduced = multiply((rw / norm, rx / norm, ry / norm, rz / norm), q)
+        reduced = quaternion_product((rw / norm, rx / norm, ry / norm, rz / norm), q)
     else:
         reduced = qd
-    mix = multiply((reduced[0], -reduced[1], -reduced[2], -reduced[3]), qd)
+    mix = quaternion_product((reduced[0], -reduced[1], -reduced[2], -reduced[3]), qd)
     sign = 1.0 if mix[0] >= 0.0 else -1.0
     weight = g[13]
     half_c, half_s = min(max(sign * mix[0], -1.0), 1.0), min(max(sign * mix[3], -1.0), 1.0)
-    qd = multiply(
+    qd = quaternion_product(
         reduced, (math.cos(weight * math.acos(half_c)), 0.0, 0.0,
                   math.sin(weight * math.asin(half_s)))
     )  # fmt: skip
-    e = multiply((q[0], -q[1], -q[2], -q[3]), qd)
+    e = quaternion_product((q[0], -q[1], -q[2], -q[3]), qd)
     sign = 2.0 if e[0] >= 0.0 else -2.0
     # The heading rate in body axes, and the feed-forward of the reference's rates.
     turn, ahead, most = s[35], g[33], g[34]
-    p_sp = sign * e[1] * g[10] + turn * qi_z(q, 0) + clamp(ahead * s[40], most)
-    q_sp = sign * e[2] * g[11] + turn * qi_z(q, 1) + clamp(ahead * s[41], most)
-    r_sp = sign * e[3] * g[12] / max(weight, 1e-4) + turn * qi_z(q, 2) + clamp(ahead * s[42], most)
+    p_sp = sign * e[1] * g[10] + turn * earth_down_in_body(q, 0) + clamp(ahead * s[40], most)
+    q_sp = sign * e[2] * g[11] + turn * earth_down_in_body(q, 1) + clamp(ahead * s[41], most)
+    r_sp = (
+        sign * e[3] * g[12] / max(weight, 1e-4)
+        + turn * earth_down_in_body(q, 2)
+        + clamp(ahead * s[42], most)
+    )
     return clamp(p_sp, g[14]), clamp(q_sp, g[15]), clamp(r_sp, g[16])
 
 
-@compiled
-def qi_z(q: tuple[float, float, float, float], axis: int) -> float:
+@jit_compiled
+def earth_down_in_body(q: tuple[float, float, float, float], axis: int) -> float:
     """Return the earth's down in body axes, one component."""
     w, x, y, z = q
     if axis == 0:

@@ -5,7 +5,7 @@ from typing import NamedTuple
 from wil_campaign.worlds.frames import Vec3
 
 
-class Target(NamedTuple):
+class ControlTarget(NamedTuple):
     """A control law's target, NED, the estimator's frame.
 
     position_ned_m: per axis, None where only the velocity counts. velocity_ned_m_s: the velocity,

@@ -8,7 +8,7 @@ _SECONDS_PER_HOUR = 3600.0
 _IDLE_CURRENT_A = 0.3
 
 
-class Charge(NamedTuple):
+class BatteryCharge(NamedTuple):
     """The battery's charge as its monitor shows it."""
 
     voltage_v: float
@@ -18,7 +18,7 @@ class Charge(NamedTuple):
     """Part of the capacity, 0 to 1."""
 
 
-class Battery:
+class SimulatedBattery:
     """The physics of a battery that is drained in proportion to thrust; empty, it gives none."""
 
     def __init__(self, *, profile: BatteryProfile, hover_thrust_n: float) -> None:
@@ -42,8 +42,10 @@ class Battery:
             return 0.0
         return 1.0 - self._profile.thrust_loss * (1.0 - self.charge.remaining)
 
-    def _battery_reading(self, current_a: float) -> Charge:
+    def _battery_reading(self, current_a: float) -> BatteryCharge:
         p = self._profile
         remaining = max(0.0, 1.0 - self._used_mah / p.capacity_mah)
         rest_v = p.empty_v + (p.full_v - p.empty_v) * remaining
-        return Charge(rest_v - current_a * p.resistance_ohm, current_a, self._used_mah, remaining)
+        return BatteryCharge(
+            rest_v - current_a * p.resistance_ohm, current_a, self._used_mah, remaining
+        )

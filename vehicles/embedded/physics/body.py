@@ -5,10 +5,10 @@ from collections.abc import Callable
 
 import numpy as np
 
-from wil_campaign.vehicles.embedded.physics.battery import Battery
+from wil_campaign.vehicles.embedded.physics.battery import SimulatedBattery
 from wil_campaign.vehicles.embedded.physics.compiled_plant import CompiledPlant
 from wil_campaign.vehicles.embedded.physics.config import ContactWorld, EmbeddedConfig
-from wil_campaign.vehicles.embedded.physics.estimator import Estimator
+from wil_campaign.vehicles.embedded.physics.estimator import EmulatedEstimator
 from wil_campaign.vehicles.embedded.physics.motion_kernel import (
     ESTIMATE,
     FLOWN,
@@ -21,7 +21,7 @@ from wil_campaign.vehicles.embedded.physics.motion_kernel import (
 )
 from wil_campaign.vehicles.embedded.physics.noise import GaussMarkov
 from wil_campaign.vehicles.embedded.physics.plant import JsbsimPlant
-from wil_campaign.vehicles.embedded.physics.states import Motion, motion_of
+from wil_campaign.vehicles.embedded.physics.states import BodyMotion, motion_of_array
 from wil_campaign.vehicles.poses.truth import STOPPED, Thrusts, TruthSample
 from wil_campaign.worlds.frames import Pose, Vec3, add, quat_from_euler, rotate
 
@@ -32,7 +32,7 @@ _STILL = 2e-3
 """m/s and rad/s below which a disarmed vehicle on its legs counts as at rest."""
 
 
-class Body:
+class FlyingBody:
     """The flying body: takes thrusts 250 times a second, returns estimates and truth."""
 
     def __init__(
@@ -67,10 +67,12 @@ class Body:
         self._still_air = not any(profile.air.sigma_m_s)
         self._mean_wind: Callable[[], Vec3] | None = None
         array = self._plant.array
-        self._estimator = Estimator(
+        self._estimator = EmulatedEstimator(
             noise=profile.estimator, rate_hz=PHYSICS_HZ, rng=estimator_rng, body=array
         )
-        self.battery = Battery(profile=profile.battery, hover_thrust_n=4 * airframe.hover_thrust_n)
+        self.battery = SimulatedBattery(
+            profile=profile.battery, hover_thrust_n=4 * airframe.hover_thrust_n
+        )
         self._contact_world = contact_world
         self._last_pose: tuple[Pose, float] | None = None
         self._steps = 0
@@ -82,18 +84,18 @@ class Body:
         """Whether the last step has run the law."""
         self._motion = array[TRUTH]
         self._motion[:] = [number for vector in self._plant.motion() for number in vector]
-        self._truth: Motion | None = None
+        self._truth: BodyMotion | None = None
         self._pose: Pose | None = None
         self.touching = True
         self.contact: str | None = None
         self.motors_stopped = True
 
     @property
-    def truth(self) -> Motion:
+    def truth(self) -> BodyMotion:
         """Return the true motion, NED with true north, relative to the start."""
         truth = self._truth
         if truth is None:
-            truth = self._truth = motion_of(self._motion)
+            truth = self._truth = motion_of_array(self._motion)
         return truth
 
     def step(self, thrusts: Thrusts, t_s: float, outer: int = NO_LAW) -> None:

@@ -9,7 +9,7 @@ from wil_campaign.vehicles.embedded.physics.airframe import LEGS, Airframe
 from wil_campaign.vehicles.embedded.physics.plant import Plant
 from wil_campaign.vehicles.poses.truth import Thrusts
 from wil_campaign.worlds.frames import Vec3, quat_from_euler
-from wil_campaign.worlds.jit import F64, direct
+from wil_campaign.worlds.jit import F64, kernel_dispatcher
 
 _GRIP = 0.5
 """Of a leg that does not slide: the share of its movement that friction takes in a step."""
@@ -41,7 +41,7 @@ class CompiledPlant(Plant):
         self._constants = _constants(airframe, motor_lag_s, latitude_deg, altitude_m, self._dt_s)
         self._state[2] = -airframe.standing_m
         self._state[6:10] = quat_from_euler(0.0, 0.0, yaw_rad)
-        self._fly = direct(rigid_kernel.fly)
+        self._fly = kernel_dispatcher(rigid_kernel.fly_rigid_body)
         self._settle(self._dt_s)
 
     def step(self, thrusts: Thrusts, share: float = 1.0) -> None:

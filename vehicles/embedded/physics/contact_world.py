@@ -4,26 +4,26 @@ import json
 from collections.abc import Collection, Mapping
 from pathlib import Path
 
-from wil_campaign.foundation.files.documents import Document, parse
+from wil_campaign.foundation.files.documents import Document, parse_document
 from wil_campaign.vehicles.embedded.physics.airframe import Airframe
 from wil_campaign.worlds.clearance.clearance import ClearanceProbe
 from wil_campaign.worlds.frames import Pose
 from wil_campaign.worlds.scene.parts import BoxShape
 from wil_campaign.worlds.scene.scene import Scene
-from wil_campaign.worlds.scene.track import RunHistory, Track
+from wil_campaign.worlds.scene.track import ObjectTrack, RunHistory
 from wil_campaign.worlds.world_file.world import Mode, Which, World
 
 _NEAR_M = 0.05
 """Only contact matters here: objects farther away than one step's travel are not measured."""
 
 
-def body_of(airframe: Airframe) -> BoxShape:
+def contact_box_of(airframe: Airframe) -> BoxShape:
     """Return the box of an airframe for contacts: half extents forward, right, down in metres."""
     half_m = airframe.body_width_m / 2.0
     return BoxShape((half_m, half_m, airframe.body_height_m / 2.0))
 
 
-BODY: BoxShape = body_of(Airframe())
+BODY: BoxShape = contact_box_of(Airframe())
 """The embedded vehicle's shape for oracles and for physical contact."""
 
 
@@ -40,7 +40,7 @@ class SceneContactWorld:
         *,
         scene: Scene,
         body: BoxShape,
-        tracks: Mapping[str, Track] | None = None,
+        tracks: Mapping[str, ObjectTrack] | None = None,
         without: Collection[str] = (),
     ) -> None:
         self._probe = ClearanceProbe(scene, body, exclude=without, floors=False, within_m=_NEAR_M)
@@ -58,7 +58,7 @@ class SceneContactWorld:
         return None if first is None else f"{first.object_name}.{first.part_name}".rstrip(".")
 
 
-def as_argument(
+def contact_world_argument(
     world: Document,
     mode: Mode,
     which: Which,
@@ -79,7 +79,7 @@ def from_argument(argument: str) -> SceneContactWorld:
     """Return the contact world of a text. Raises BadInput, ValueError."""
     fields: Mapping[str, object] = json.loads(argument)
     path = Path(str(fields["path"]))
-    document = parse(json.dumps(fields["world"]).encode(), name=path.name, path=path)
+    document = parse_document(json.dumps(fields["world"]).encode(), name=path.name, path=path)
     mode: Mode = fields["mode"]  # type: ignore[assignment]  # written by as_argument
     which: Which = fields["which"]  # type: ignore[assignment]  # written by as_argument
     half_m: list[float] = fields["body"]  # type: ignore[assignment]  # written by as_argument

@@ -7,19 +7,19 @@ from wil_campaign.vehicles.embedded.physics.motion_kernel import (
     ESTIMATE,
     NO_LAW,
     Advance,
-    estimate,
-    read_and_estimate,
+    estimate_motion,
+    read_and_estimate_motion,
 )
 from wil_campaign.vehicles.embedded.physics.noise import GaussMarkov
 from wil_campaign.vehicles.embedded.profile import EstimatorNoise
-from wil_campaign.worlds.jit import F64, direct
+from wil_campaign.worlds.jit import F64, kernel_dispatcher
 
 _RADIANS_PER_DEGREE = 0.017453292519943295
 _ERRORS_HZ = 25
 """How often the errors change; in between they are constant."""
 
 
-class Estimator:
+class EmulatedEstimator:
     """The emulated estimator: estimates from true motion, one per physics step.
 
     body: the body array (see motion_kernel) in which it keeps its errors and the present estimate.
@@ -60,7 +60,7 @@ class Estimator:
         self._late = np.zeros((1 + round(noise.delay_s * rate_hz), 6))
         self._every = rate_hz // _ERRORS_HZ
         self._steps = 0
-        self._advance: Advance = direct(read_and_estimate)
+        self._advance: Advance = kernel_dispatcher(read_and_estimate_motion)
         self._body, self._errors, self.present = body, body[ERRORS], body[ESTIMATE]
         """The present estimate: the same array at each step."""
 
@@ -68,13 +68,13 @@ class Estimator:
         """Return the estimate after one more step of true motion: motion arrays both."""
         if self._steps % self._every == 0:
             self._advance_errors()
-        estimate(truth, self._errors, self._late, self._steps, self.present)
+        estimate_motion(truth, self._errors, self._late, self._steps, self.present)
         self._steps += 1
         return self.present
 
     def advance_by(self, kernel: Advance) -> None:
         """Let `read` run the control law that is part of a kernel."""
-        self._advance = direct(kernel)
+        self._advance = kernel_dispatcher(kernel)
 
     def read(self, outer: int = NO_LAW) -> int:
         """Set the true motion from the plant's numbers, and `present` to its estimate, one step on.

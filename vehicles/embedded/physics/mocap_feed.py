@@ -7,13 +7,13 @@ from collections.abc import Callable
 
 import numpy as np
 
-from wil_campaign.foundation.tasks import Contained
+from wil_campaign.foundation.tasks import SuppressedErrors
 from wil_campaign.vehicles.embedded.profile import MotionCapture
 from wil_campaign.vehicles.poses.truth import TruthSample
 from wil_campaign.vehicles.readings import PoseReading, Source
 from wil_campaign.worlds.frames import Pose, quat_from_euler, quat_multiply
 
-_LISTENER = Contained("a listener to motion capture")
+_LISTENER = SuppressedErrors("a listener to motion capture")
 NEVER = sys.maxsize
 _BLOCK = 128
 """Number of samples whose noise is drawn at once: drawing single samples is slow."""

@@ -10,7 +10,7 @@ Python passes one array to the kernel: each takes as long as the arithmetic of a
 import math
 from collections.abc import Callable
 
-from wil_campaign.worlds.jit import F64, Float, Int, compiled, inlined
+from wil_campaign.worlds.jit import F64, Float, Int, jit_compiled, jit_inlined
 
 NUMBERS = 15
 RAW, ZERO, TRUTH, ERRORS, ESTIMATE, LAW = (
@@ -24,7 +24,7 @@ FINITE, NEAR_GROUND, WRECKED, FLOWN = 1, 2, 4, 8
 NO_LAW = -1
 """In place of the law's `outer` steps: it is not run."""
 Advance = Callable[[F64, F64, int, int], int]
-"""`read_and_estimate`, or the kernel of a law that runs the law after it."""
+"""`read_and_estimate_motion`, or the kernel of a law that runs the law after it."""
 
 _METRES_PER_FOOT = 0.3048
 _NEAR_M = 0.5
@@ -34,14 +34,14 @@ _WRECK_HEIGHT_M = 0.15
 _WRECK_COSINE = 0.5
 
 
-@inlined
+@jit_inlined
 def _wrap(angle_rad: Float) -> Float:
     """Return an angle wrapped to [-pi, pi)."""
     return (angle_rad + math.pi) % (2.0 * math.pi) - math.pi
 
 
-@compiled
-def read(raw: F64, zero: F64, out: F64) -> Int:
+@jit_compiled
+def read_plant_motion(raw: F64, zero: F64, out: F64) -> Int:
     """Set a motion array from JSBSim's numbers (feet, up); return its bits, 0 if not finite.
 
     WRECKED: it lies on the ground, tilted far over, and is set to rest: its legs do not carry it.
@@ -68,8 +68,8 @@ def read(raw: F64, zero: F64, out: F64) -> Int:
     return bits
 
 
-@compiled
-def estimate(truth: F64, errors: F64, late: F64, step: int, out: F64) -> Int:
+@jit_compiled
+def estimate_motion(truth: F64, errors: F64, late: F64, step: int, out: F64) -> Int:
     """Set the estimate's motion array: position and velocity delayed, errors on all but rates.
 
     errors: of position, velocity, angles. late: a ring buffer of positions and velocities (n, 6),
@@ -90,11 +90,11 @@ def estimate(truth: F64, errors: F64, late: F64, step: int, out: F64) -> Int:
     return 0
 
 
-@compiled
-def read_and_estimate(body: F64, late: F64, step: int, outer: int) -> Int:  # noqa: ARG001
+@jit_compiled
+def read_and_estimate_motion(body: F64, late: F64, step: int, outer: int) -> Int:  # noqa: ARG001
     """Call `read`, then `estimate`, on a body array that no law flies: `outer` is not used."""
     truth = body[18:33]
-    bits = read(body[0:15], body[15:18], truth)
+    bits = read_plant_motion(body[0:15], body[15:18], truth)
     if bits != 0:
-        estimate(truth, body[33:42], late, step, body[42:57])
+        estimate_motion(truth, body[33:42], late, step, body[42:57])
     return bits

@@ -15,9 +15,9 @@ from wil_campaign.vehicles.embedded.physics.motion_kernel import (
     NUMBERS,
     RAW,
     ZERO,
-    read,
+    read_plant_motion,
 )
-from wil_campaign.vehicles.embedded.physics.states import Motion, motion_of
+from wil_campaign.vehicles.embedded.physics.states import BodyMotion, motion_of_array
 from wil_campaign.vehicles.errors import NO_JSBSIM
 from wil_campaign.vehicles.poses.truth import Thrusts
 from wil_campaign.worlds.frames import Vec3
@@ -88,12 +88,12 @@ class Plant(ABC):
     def set_wind(self, wind_ned_m_s: Vec3) -> None:
         """Set the plant's wind, towards north, east and down."""
 
-    def motion(self) -> Motion:
+    def motion(self) -> BodyMotion:
         """Return the plant's true motion. Raises PlantError when a number is not finite."""
         motion = np.zeros(NUMBERS)
-        if not read(self._raw, self._zero, motion):
+        if not read_plant_motion(self._raw, self._zero, motion):
             raise self.divergence()
-        return motion_of(motion)
+        return motion_of_array(motion)
 
     def divergence(self) -> PlantError:
         """Return the error of a plant whose motion is not finite."""

@@ -9,7 +9,7 @@ position of order 3. The earth neither turns nor curves, and air and gravity are
 import math
 
 from wil_campaign.vehicles.poses.truth import Thrusts
-from wil_campaign.worlds.jit import F64, Float, Int, compiled
+from wil_campaign.worlds.jit import F64, Float, Int, jit_compiled
 
 STATE = 43
 """Of the state: 0 position, 3 velocity, 6 attitude (quaternion, body to NED), 10 body rates, 13
@@ -28,8 +28,8 @@ _FRICTION = 0.7
 """Of a sliding leg, as in the aircraft file."""
 
 
-@compiled
-def fly(x: F64, c: F64, commands: Thrusts, dt: Float, raw: F64) -> Int:
+@jit_compiled
+def fly_rigid_body(x: F64, c: F64, commands: Thrusts, dt: Float, raw: F64) -> Int:
     """Advance the compiled body by one step with these commands (N); set JSBSim's numbers of it.
 
     raw: as of `motion_kernel.read`, in feet, up.
@@ -54,7 +54,7 @@ def fly(x: F64, c: F64, commands: Thrusts, dt: Float, raw: F64) -> Int:
     return 0
 
 
-@compiled
+@jit_compiled
 def _move(x: F64, dt: Float) -> Int:
     """Integrate the compiled body's state over a step."""
     w, i, j, k = x[6], x[7], x[8], x[9]
@@ -77,7 +77,7 @@ def _move(x: F64, dt: Float) -> Int:
     return 0
 
 
-@compiled
+@jit_compiled
 def _accelerate(x: F64, c: F64) -> Int:
     """Set the compiled body's accelerations by the forces at its state."""
     w, i, j, k = x[6], x[7], x[8], x[9]

@@ -10,7 +10,7 @@ from wil_campaign.worlds.frames import Vec3
 from wil_campaign.worlds.jit import F64
 
 
-class Motion(NamedTuple):
+class BodyMotion(NamedTuple):
     """A body's motion state: NED metres and m/s from its place at boot; Euler angles; body rates.
 
     `specific_force_m_s2` is what an accelerometer measures, body axes.
@@ -23,7 +23,7 @@ class Motion(NamedTuple):
     specific_force_m_s2: Vec3
 
 
-def motion_of(array: F64) -> Motion:
+def motion_of_array(array: F64) -> BodyMotion:
     """Return the motion in a motion array (see motion_kernel)."""
     n, e, d, vn, ve, vd, roll, pitch, yaw, p, q, r, x, y, z = array.tolist()
-    return Motion((n, e, d), (vn, ve, vd), (roll, pitch, yaw), (p, q, r), (x, y, z))
+    return BodyMotion((n, e, d), (vn, ve, vd), (roll, pitch, yaw), (p, q, r), (x, y, z))

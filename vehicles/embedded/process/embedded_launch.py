@@ -6,18 +6,18 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Self
 
-from wil_campaign.foundation.processes.codec import MessageError
+from wil_campaign.foundation.processes.codec import ProcessMessageError
 from wil_campaign.foundation.processes.feed_socket import FeedSocket
 from wil_campaign.vehicles.embedded.process.feed import (
-    MakeFault,
+    FaultMessage,
     ToVehicle,
-    Truth,
-    WorldEvent,
+    TruthMessage,
+    WorldEventMessage,
     from_vehicle,
-    is_finite,
+    is_feed_message_finite,
     to_vehicle,
 )
-from wil_campaign.vehicles.faults import Fault
+from wil_campaign.vehicles.faults import InjectedFault
 from wil_campaign.vehicles.poses.truth import TruthSample
 from wil_campaign.vehicles.readings import PoseReading, Source
 
@@ -56,11 +56,11 @@ class FeedClient:
 
     def notify(self, event: str, t_s: float) -> None:
         """Pass an event of the world to the embedded vehicle's contact world."""
-        self._send(WorldEvent(self._next_seq(), event, t_s))
+        self._send(WorldEventMessage(self._next_seq(), event, t_s))
 
-    def fault(self, fault: Fault) -> None:
+    def fault(self, fault: InjectedFault) -> None:
         """Inject a fault into the embedded vehicle."""
-        self._send(MakeFault(self._next_seq(), str(fault)))
+        self._send(FaultMessage(self._next_seq(), str(fault)))
 
     async def __aenter__(self) -> Self:
         """Read the feed client's socket from now on."""
@@ -76,17 +76,17 @@ class FeedClient:
         """Handle a packet of the embedded vehicle's feed."""
         try:
             message = from_vehicle.decode(data)
-        except MessageError:
+        except ProcessMessageError:
             self.garbage += 1
             return
-        if not is_finite(message):
+        if not is_feed_message_finite(message):
             self.garbage += 1
             return
         if message.seq <= self._seq_in:
             return
         self._seq_in = message.seq
         self.connected.set()
-        if isinstance(message, Truth):
+        if isinstance(message, TruthMessage):
             self._pass_truth(message.sample)
             return
         now_s = asyncio.get_running_loop().time()

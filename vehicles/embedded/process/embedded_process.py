@@ -16,18 +16,18 @@ from pydantic import ValidationError
 from wil_campaign.foundation.clocks.paced_loop import PacedLoop
 from wil_campaign.foundation.files.documents import BadInput
 from wil_campaign.foundation.processes.clock_socket import InheritedClock
-from wil_campaign.foundation.processes.codec import MessageError
+from wil_campaign.foundation.processes.codec import ProcessMessageError
 from wil_campaign.foundation.processes.feed_socket import FeedSocket, inherited_feed
 from wil_campaign.foundation.processes.linux import UnsupportedSystemError, die_with_parent
 from wil_campaign.vehicles.embedded.emulations import load_kernels
 from wil_campaign.vehicles.embedded.physics.config import ContactWorld
 from wil_campaign.vehicles.embedded.process.feed import (
+    FaultMessage,
     FromVehicle,
-    MakeFault,
-    Mocap,
+    MocapMessage,
     ToVehicle,
-    Truth,
-    WorldEvent,
+    TruthMessage,
+    WorldEventMessage,
     from_vehicle,
     to_vehicle,
 )
@@ -37,7 +37,7 @@ from wil_campaign.vehicles.embedded.process.process_settings import (
 )
 from wil_campaign.vehicles.embedded.process.vehicle_faults import VehicleFaults
 from wil_campaign.vehicles.embedded.vehicle import EmbeddedVehicle
-from wil_campaign.vehicles.faults import FaultError, parse_fault
+from wil_campaign.vehicles.faults import FaultTextError, parse_fault
 from wil_campaign.vehicles.links.link import LinkError
 from wil_campaign.vehicles.links.link_factory import open_link
 from wil_campaign.vehicles.links.link_strings import parse_link
@@ -86,7 +86,7 @@ class FeedEnd(asyncio.DatagramProtocol):
         """Handle an event or a fault; anything else is reported on stderr and dropped."""
         try:
             self._receive(to_vehicle.decode(data))
-        except (MessageError, FaultError) as error:
+        except (ProcessMessageError, FaultTextError) as error:
             sys.stderr.write(f"feed: {error}\n")
 
     def error_received(self, exc: Exception) -> None:
@@ -94,11 +94,11 @@ class FeedEnd(asyncio.DatagramProtocol):
 
     def send_truth(self, sample: TruthSample) -> None:
         """Send a truth sample from the embedded process."""
-        self._send(Truth(self._seq, sample))
+        self._send(TruthMessage(self._seq, sample))
 
     def send_mocap(self, reading: PoseReading) -> None:
         """Send a motion capture reading from the embedded process."""
-        self._send(Mocap(self._seq, reading))
+        self._send(MocapMessage(self._seq, reading))
 
     def _send(self, message: FromVehicle) -> None:
         self._seq += 1
@@ -111,13 +111,13 @@ class FeedEnd(asyncio.DatagramProtocol):
     def _receive(self, message: ToVehicle) -> None:
         """Handle a message to the embedded process: event or fault."""
         match message:
-            case WorldEvent(_, name, t_s):
+            case WorldEventMessage(_, name, t_s):
                 self._vehicle.notify(name, t_s)
-            case MakeFault(_, fault):
+            case FaultMessage(_, fault):
                 self._faults.inject(parse_fault(fault))
 
 
-async def fly(
+async def fly_embedded_vehicle(
     settings: ProcessSettings, stop: asyncio.Event, companion: Companion | None = None
 ) -> None:
     """Run the embedded vehicle until `stop` is set. Raises LinkError, BadInput, or its error."""
@@ -206,7 +206,7 @@ async def _await_stop(settings: ProcessSettings, companion: Companion | None) ->
     loop.set_exception_handler(failed)
     clock = InheritedClock.of(loop, os.environ) if isinstance(loop, PacedLoop) else None
     try:
-        await fly(settings, stop, companion)
+        await fly_embedded_vehicle(settings, stop, companion)
     finally:
         if clock is not None:
             clock.close()

@@ -6,7 +6,13 @@ from collections.abc import Callable
 from typing import Any, TypeVar
 
 from wil_campaign.vehicles.embedded.vehicle import EmbeddedVehicle
-from wil_campaign.vehicles.faults import Fault, FaultError, FaultKind, FaultySignal, Restamp
+from wil_campaign.vehicles.faults import (
+    FaultKind,
+    FaultTextError,
+    FaultySignal,
+    InjectedFault,
+    Restamp,
+)
 
 T = TypeVar("T")
 
@@ -33,7 +39,7 @@ class VehicleFaults:
         self._vehicle = vehicle
         self._kill = kill
         self._report = report
-        self._active: dict[tuple[str, int], list[Fault]] = {}
+        self._active: dict[tuple[str, int], list[InjectedFault]] = {}
         self._signals: dict[str, list[FaultySignal[Any]]] = {}
         self._messages: dict[str, FaultySignal[Any]] = {
             message: self._add(name, FaultySignal(_restamp_message))
@@ -42,10 +48,10 @@ class VehicleFaults:
         }
         vehicle.filter_sent(self._pass_message)
 
-    def inject(self, fault: Fault) -> None:
+    def inject(self, fault: InjectedFault) -> None:
         """Inject a fault after its delay. Raises FaultError for an absent signal."""
         if fault.kind is not None and fault.name not in self._signals:
-            raise FaultError(f"{str(fault)!r}: this vehicle has no {fault.name}")
+            raise FaultTextError(f"{str(fault)!r}: this vehicle has no {fault.name}")
         if fault.after_s == 0.0:
             self._begin(fault)
         else:
@@ -68,7 +74,7 @@ class VehicleFaults:
         self._signals.setdefault(name, []).append(signal)
         return signal
 
-    def _begin(self, fault: Fault) -> None:
+    def _begin(self, fault: InjectedFault) -> None:
         self._report(f"fault begun: {fault}")
         active = self._active.setdefault(_target(fault), [])
         if fault.name == "unmute":
@@ -79,7 +85,7 @@ class VehicleFaults:
         if fault.for_s is not None:
             asyncio.get_running_loop().call_later(fault.for_s, self._end, fault)
 
-    def _end(self, fault: Fault) -> None:
+    def _end(self, fault: InjectedFault) -> None:
         self._report(f"fault ended: {fault}")
         active = self._active[_target(fault)]
         others = [each for each in active if each is not fault]
@@ -91,7 +97,7 @@ class VehicleFaults:
         else:
             self._set(fault, None, begun=False)
 
-    def _set(self, fault: Fault, kind: FaultKind | None, *, begun: bool) -> None:
+    def _set(self, fault: InjectedFault, kind: FaultKind | None, *, begun: bool) -> None:
         match fault.name:
             case "kill":
                 self._kill()
@@ -108,7 +114,7 @@ class VehicleFaults:
         return message if signal is None else signal.passed(message)
 
 
-def _target(fault: Fault) -> tuple[str, int]:
+def _target(fault: InjectedFault) -> tuple[str, int]:
     """Return what a fault acts on: a signal, a motor, or the link."""
     return ("mute" if fault.name == "unmute" else fault.name, fault.motor)
 

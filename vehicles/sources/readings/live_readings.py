@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import Literal, Self
 
 from wil_campaign.vehicles.readings import Reading
-from wil_campaign.vehicles.readings.checks import fault_of
+from wil_campaign.vehicles.readings.checks import reading_fault
 from wil_campaign.vehicles.sources.camera_source import (
     SourceCounts,
     SourceError,
@@ -150,7 +150,7 @@ class LiveReadings:
             )
         if self.newest is not None and reading.t_s <= self.newest.t_s:
             return f"its time stamp does not advance: {reading.t_s:.3f} s was received before"
-        fault = fault_of(reading)
+        fault = reading_fault(reading)
         return None if fault is None else fault.detail
 
     def _stall_error(self) -> SourceStalledError:

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from functools import cache
 from typing import Any, Protocol
 
-from wil_campaign.installed_plugins import load
+from wil_campaign.installed_plugins import load_plugin_object
 from wil_campaign.vehicles.driver.vehicle_state import VehicleState
 from wil_campaign.vehicles.readings import Reading, Source
 from wil_campaign.vehicles.readings.kinds import sensor_specs
@@ -18,7 +18,7 @@ _UNIX_US = 10**15
 
 
 @dataclass(frozen=True, slots=True)
-class Times:
+class MessageTimes:
     """When a message was sampled and when it arrived, on the run clock; side: whose it is."""
 
     t_s: float
@@ -57,7 +57,7 @@ class HasState(Protocol):
         """Return the vehicle's last reported state."""
 
 
-Reader = Callable[[Any, Times], Reading | None]
+Reader = Callable[[Any, MessageTimes], Reading | None]
 """Returns the reading in a message; None for none. Raises UnusableReadingError."""
 
 
@@ -80,16 +80,16 @@ class MavlinkReading:
 def mavlink_reading(sensor_type: str) -> MavlinkReading | None:
     """Return how a type of sensors is read of MAVLink messages; None where it is in none."""
     place = sensor_specs()[sensor_type].mavlink
-    return load(place) if place else None
+    return load_plugin_object(place) if place else None
 
 
-def messages_of(sensor_type: str) -> tuple[str, ...]:
+def messages_of_sensor(sensor_type: str) -> tuple[str, ...]:
     """Return the messages that hold a type of sensor's readings."""
     read = mavlink_reading(sensor_type)
     return () if read is None else read.messages
 
 
-def stamp_s(message: Any) -> tuple[float, bool]:
+def message_stamp_s(message: Any) -> tuple[float, bool]:
     """Return a message's time stamp in seconds, and whether it counts from 1970, not from boot."""
     if hasattr(message, "time_boot_ms"):
         return message.time_boot_ms * 1e-3, False

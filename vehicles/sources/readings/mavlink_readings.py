@@ -14,9 +14,9 @@ from wil_campaign.vehicles.sources.readings.mavlink_messages import (
     HasState,
     MavlinkReading,
     MavlinkSensor,
+    MessageTimes,
     Reader,
-    Times,
-    stamp_s,
+    message_stamp_s,
 )
 
 Handler = Callable[[Any, float], None]
@@ -91,15 +91,15 @@ class MavlinkReadings:
         )
         self._into.offer(pose)
 
-    def _times(self, message: Any, arrived_s: float) -> Times:
+    def _times(self, message: Any, arrived_s: float) -> MessageTimes:
         """Return a message's times on the run clock. Raises UnusableReadingError."""
-        sent_s, is_unix = stamp_s(message)
+        sent_s, is_unix = message_stamp_s(message)
         if is_unix:
-            return Times(self._unix.run_time(sent_s, arrived_s), arrived_s, self._side)
+            return MessageTimes(self._unix.run_time(sent_s, arrived_s), arrived_s, self._side)
         try:
             t_s = self._vehicle.clock.run_time(sent_s)
         except ValueError as error:
             raise UnusableReadingError(str(error)) from error
         # Sampling is before arrival: within the clock map's uncertainty a later stamp is reduced.
         uncertainty_s = self._vehicle.clock.uncertainty_s or 0.0
-        return Times(min(t_s, max(arrived_s, t_s - uncertainty_s)), arrived_s, self._side)
+        return MessageTimes(min(t_s, max(arrived_s, t_s - uncertainty_s)), arrived_s, self._side)

@@ -6,7 +6,7 @@ from typing import Protocol, Self
 
 from wil_campaign.foundation.clocks.sleeping import sleep_until
 from wil_campaign.vehicles.readings import Reading, Source
-from wil_campaign.vehicles.readings.checks import fault_after, fault_of
+from wil_campaign.vehicles.readings.checks import reading_fault, reading_fault_after
 from wil_campaign.vehicles.sources.camera_source import SourceCounts, SourceError
 from wil_campaign.vehicles.sources.file_player import FilePlayer, PlayedFile
 
@@ -78,7 +78,10 @@ class RecordedReadings(FilePlayer[ReadingFile]):
     async def _read_next_faultless(self) -> Reading | None:
         """Return the next recorded reading without fault; None at the end."""
         while (reading := await self._in_thread(self._file.next)) is not None:
-            if fault_of(reading) is None and fault_after(reading, self._previous) is None:
+            if (
+                reading_fault(reading) is None
+                and reading_fault_after(reading, self._previous) is None
+            ):
                 self._previous = reading
                 return reading
             self._damaged += 1

@@ -11,7 +11,7 @@ Where all have stopped at its end, the next line begins there. So no process is 
 clock.
 """
 
-from wil_campaign.foundation.clocks.sim_clock_controller import STEP_S, Segment
+from wil_campaign.foundation.clocks.sim_clock_controller import STEP_S, ClockSegment
 
 LEAD_S = 0.06
 """By how much of its own time the clock may be ahead of the slowest process: a setpoint, an image
@@ -31,13 +31,13 @@ class Lockstep:
 
     def __init__(self, *, nominal: float) -> None:
         self._nominal = nominal
-        self._segment = Segment(0.0, 0.0, 1.0)
+        self._segment = ClockSegment(0.0, 0.0, 1.0)
         self._followers: dict[str, _Follower] = {}
         self._steps = self._extended_step = 0
         self._extended_s = 0.0
 
     @property
-    def segment(self) -> Segment:
+    def segment(self) -> ClockSegment:
         """Return the present segment of the lockstep clock."""
         return self._segment
 
@@ -49,13 +49,13 @@ class Lockstep:
         """Stop waiting for a process: it has ended."""
         self._followers.pop(name, None)
 
-    def begin(self, segment: Segment) -> None:
+    def begin(self, segment: ClockSegment) -> None:
         """Start the lockstep clock at the wall clock's present time: all processes are there."""
         run_s, wall_s = segment.run_s, segment.wall_s
         for follower in self._followers.values():
             follower.receive_report(run_s)
         self._extended_s, self._extended_step = wall_s, self._steps
-        self._segment = Segment(wall_s, run_s, self._nominal, LEAD_S / self._nominal)
+        self._segment = ClockSegment(wall_s, run_s, self._nominal, LEAD_S / self._nominal)
 
     def report(self, name: str, run_s: float) -> None:
         """Take the report that a process has done all that was due until a run-clock time."""
@@ -92,9 +92,9 @@ class Lockstep:
         if run_s < end_s + (1e-6 if has_stopped else _LEAST_S):
             return False
         if has_stopped:
-            last = Segment(wall_s, end_s, self._nominal)
+            last = ClockSegment(wall_s, end_s, self._nominal)
         holds_s = (run_s - last.run_s) / self._nominal
-        self._segment = Segment(last.wall_s, last.run_s, self._nominal, holds_s)
+        self._segment = ClockSegment(last.wall_s, last.run_s, self._nominal, holds_s)
         self._extended_s, self._extended_step = wall_s, self._steps
         return True
 

@@ -10,7 +10,7 @@ from contextlib import asynccontextmanager
 from heapq import heappop, heappush
 from typing import TypeVar, TypeVarTuple
 
-from wil_campaign.foundation.clocks.sim_clock_controller import Segment
+from wil_campaign.foundation.clocks.sim_clock_controller import ClockSegment
 
 T = TypeVar("T")
 Ts = TypeVarTuple("Ts")
@@ -60,7 +60,7 @@ class PacedLoop(asyncio.SelectorEventLoop):
 
     def __init__(self, speed: float = 1.0) -> None:
         now_s = time.monotonic()
-        self._segment = Segment(now_s, now_s, speed)
+        self._segment = ClockSegment(now_s, now_s, speed)
         self._latest_s = now_s
         self._wall_timers: list[tuple[float, int, asyncio.TimerHandle]] = []
         self._wall_timers_set = 0
@@ -71,7 +71,7 @@ class PacedLoop(asyncio.SelectorEventLoop):
         super().__init__(self._waits)
 
     @property
-    def segment(self) -> Segment:
+    def segment(self) -> ClockSegment:
         """Return the present segment of the paced clock."""
         return self._segment
 
@@ -81,7 +81,7 @@ class PacedLoop(asyncio.SelectorEventLoop):
         self._latest_s = max(self._latest_s, now_s)
         return self._latest_s
 
-    def follow(self, segment: Segment) -> None:
+    def follow(self, segment: ClockSegment) -> None:
         """Continue by another segment; until a segment behind catches up, the clock is stopped."""
         self.time()
         self._segment = segment

@@ -7,7 +7,7 @@ from wil_campaign.foundation.clocks.lockstep import REPORT_S
 from wil_campaign.foundation.clocks.paced_loop import PacedLoop
 
 
-class ProgressReporter:
+class ClockProgressReporter:
     """Reports the moment until which a paced loop has done all that was due.
 
     It reports at least every `REPORT_S` of the loop's time, and once when its clock stops.

@@ -40,7 +40,7 @@ _LASTS_S = 1.0
 
 
 @dataclass(frozen=True, slots=True)
-class Segment:
+class ClockSegment:
     """A linear segment of the sim clock: `run_s` at `wall_s` (CLOCK_MONOTONIC), and a slope.
 
     rate: run seconds per wall second, 0 or more. holds_s: after so much wall time the clock stops
@@ -138,7 +138,7 @@ class SimClockController:
 
     def __init__(self, *, nominal: float) -> None:
         self._nominal = nominal
-        self._segment = Segment(0.0, 0.0, 1.0)
+        self._segment = ClockSegment(0.0, 0.0, 1.0)
         self._offset_s: float | None = None
         self._reboots = 0
         self._steps_still = 0
@@ -147,7 +147,7 @@ class SimClockController:
         self.track = BootTrack(nominal=nominal)
 
     @property
-    def segment(self) -> Segment:
+    def segment(self) -> ClockSegment:
         """Return the controlled clock's present segment."""
         return self._segment
 
@@ -156,11 +156,11 @@ class SimClockController:
         """Return whether the clock has locked to the simulation."""
         return self._offset_s is not None
 
-    def begin(self, segment: Segment) -> None:
+    def begin(self, segment: ClockSegment) -> None:
         """Start the controlled clock from a segment."""
         self._segment = segment
 
-    def step(self, wall_s: float) -> Segment:
+    def step(self, wall_s: float) -> ClockSegment:
         """Return the controlled clock's next segment; called every `STEP_S` wall time."""
         last = self._segment
         run_s, dt_s = last.at(wall_s), max(0.0, wall_s - last.wall_s)
@@ -169,7 +169,7 @@ class SimClockController:
         # A quiet simulation may hang: the clock may stop at once, so that no time limit runs out.
         least = 0.0 if self._quiet(wall_s) else last.rate - most
         rate = min(max(wanted, least), last.rate + most)
-        self._segment = Segment(wall_s, run_s, rate)
+        self._segment = ClockSegment(wall_s, run_s, rate)
         return self._segment
 
     def _quiet(self, wall_s: float) -> bool:

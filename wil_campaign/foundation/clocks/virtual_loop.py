@@ -169,7 +169,7 @@ def run_virtual(main: Coroutine[Any, Any, T]) -> T:
         return runner.run(main)
 
 
-def run_on(clock: Clock, main: Coroutine[Any, Any, T]) -> T:
+def run_on_clock(clock: Clock, main: Coroutine[Any, Any, T]) -> T:
     """Run a coroutine to its end on the requested clock: wall, scaled or virtual.
 
     scaled: it equals the wall clock until a guard controls it.

@@ -15,14 +15,14 @@ def to_json(document: object, *, indent: int | None = 2) -> str:
     Floats are written so that they read back the same. Raises ValueError for NaN and infinity.
     """
     plain = (
-        as_plain(document)
+        plain_document(document)
         if dataclasses.is_dataclass(document) and not isinstance(document, type)
         else document
     )
     return json.dumps(plain, indent=indent, allow_nan=False, ensure_ascii=False) + "\n"
 
 
-def as_plain(document: Any) -> dict[str, Any]:
+def plain_document(document: Any) -> dict[str, Any]:
     """Return a dataclass as plain values, without `topics` where it has none."""
     return dataclasses.asdict(document, dict_factory=_present)
 
@@ -31,7 +31,7 @@ def _present(fields: list[tuple[str, Any]]) -> dict[str, Any]:
     return {name: value for name, value in fields if value or name != "topics"}
 
 
-def write_whole(path: Path, content: str | bytes) -> None:
+def write_atomically(path: Path, content: str | bytes) -> None:
     """Write a document atomically: a reader sees all of it or the old one, also after a crash.
 
     A temporary file in the same folder, fsync, rename, fsync of the folder. Raises OSError.

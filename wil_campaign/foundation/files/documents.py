@@ -14,22 +14,27 @@ from typing import TypeVar
 
 from pydantic import BaseModel, ValidationError
 
-from wil_campaign.foundation.files.model_keys import Later, Path
+from wil_campaign.foundation.files.model_keys import LaterType, Path
 from wil_campaign.foundation.files.paths import require_utf8
-from wil_campaign.foundation.files.problems import BadInput, Problem, closest, closest_file
-from wil_campaign.foundation.files.validation import KeyFaultError, Part, describe, faults_of
+from wil_campaign.foundation.files.problems import BadInput, Problem, closest_file, closest_word
+from wil_campaign.foundation.files.validation import (
+    KeyFaultError,
+    Part,
+    describe_value,
+    validation_faults,
+)
 from wil_campaign.foundation.files.yaml_nodes import (
     MAX_DEPTH,
     Data,
-    Entry,
-    Node,
-    Place,
     Scalar,
-    Source,
+    YamlEntry,
+    YamlNode,
+    YamlPlace,
+    YamlSource,
     mapping_node,
     parse_nodes,
     place_within,
-    plain,
+    plain_value_of_node,
     sequence_node,
 )
 
@@ -37,19 +42,19 @@ __all__ = [
     "BadInput",
     "Data",
     "Document",
-    "Entry",
     "KeyFaultError",
-    "Later",
+    "LaterType",
     "Part",
     "Path",
     "Problem",
-    "check",
-    "closest",
+    "YamlEntry",
+    "check_document",
     "closest_file",
-    "load",
-    "parse",
-    "parse_value",
-    "read_limited",
+    "closest_word",
+    "load_document",
+    "parse_document",
+    "parse_option_value",
+    "read_document_bytes",
     "rows_document",
 ]
 
@@ -63,12 +68,12 @@ class Document:
     """A YAML document's data with its places. path: the file, for what is relative to it."""
 
     path: FilePath
-    root: Node
+    root: YamlNode
 
     @property
     def data(self) -> Data:
         """Return the document's whole content as new plain values."""
-        return plain(self.root)
+        return plain_value_of_node(self.root)
 
     @property
     def name(self) -> str:
@@ -78,9 +83,9 @@ class Document:
     def get(self, path: Path, default: Data = None) -> Data:
         """Return the plain value at a path of the document; the default when there is none."""
         entry, rest = self._reach(path)
-        return default if rest else plain(entry.node)
+        return default if rest else plain_value_of_node(entry.node)
 
-    def entry(self, path: Path) -> Entry:
+    def entry(self, path: Path) -> YamlEntry:
         """Return the document's key and value at a path. Raises KeyError when there is none."""
         entry, rest = self._reach(path)
         if rest:
@@ -107,7 +112,7 @@ class Document:
         """Return a problem with one character of the document's text at a path."""
         return place_within(self.entry(path).node, offset).problem(message, suggestion)
 
-    def override(self, dotted_key: str, entry: Entry) -> "Document":
+    def override(self, dotted_key: str, entry: YamlEntry) -> "Document":
         """Return the document with the value at a dotted key replaced by an entry.
 
         Places beneath are those of the entry, in its own file or option. Raises
@@ -122,24 +127,26 @@ class Document:
             raise _override_error(entry, dotted_key, reason)
         return Document(self.path, _replace_value(self.root, steps, entry, dotted_key))
 
-    def _spot(self, path: Path, *, key: bool) -> Place:
+    def _spot(self, path: Path, *, key: bool) -> YamlPlace:
         entry, rest = self._reach(path)
         return entry.key if key or rest else entry.node.place
 
-    def _reach(self, path: Path) -> tuple[Entry, Path]:
-        entry = Entry(self.root.place, self.root)
+    def _reach(self, path: Path) -> tuple[YamlEntry, Path]:
+        entry = YamlEntry(self.root.place, self.root)
         for index, step in enumerate(path):
             value = entry.node.value
             if isinstance(value, dict) and step in value:
                 entry = value[str(step)]
             elif isinstance(value, tuple) and isinstance(step, int) and 0 <= step < len(value):
-                entry = Entry(value[step].place, value[step])
+                entry = YamlEntry(value[step].place, value[step])
             else:
                 return entry, path[index:]
         return entry, ()
 
 
-def _replace_value(node: Node, steps: tuple[str, ...], entry: Entry, dotted_key: str) -> Node:
+def _replace_value(
+    node: YamlNode, steps: tuple[str, ...], entry: YamlEntry, dotted_key: str
+) -> YamlNode:
     step, rest = steps[0], steps[1:]
     value = {} if node.value is None else node.value
     if isinstance(value, tuple):
@@ -151,22 +158,26 @@ def _replace_value(node: Node, steps: tuple[str, ...], entry: Entry, dotted_key:
         items[int(step)] = _replace_value(inner, rest, entry, dotted_key) if rest else entry.node
         return sequence_node(tuple(items), node.place)
     if not isinstance(value, dict):
-        raise _override_error(entry, dotted_key, f"'{step}' would be inside {describe(value)}")
+        raise _override_error(
+            entry, dotted_key, f"'{step}' would be inside {describe_value(value)}"
+        )
     if not rest:
         return mapping_node({**value, step: entry}, node.place)
-    if step not in value and (meant := closest(step, value)):
+    if step not in value and (meant := closest_word(step, value)):
         raise _override_error(entry, dotted_key, f"there is no '{step}'", meant)
-    old = value.get(step, Entry(entry.key, mapping_node({}, entry.key)))
+    old = value.get(step, YamlEntry(entry.key, mapping_node({}, entry.key)))
     inside = _replace_value(old.node, rest, entry, dotted_key)
-    return mapping_node({**value, step: Entry(old.key, inside)}, node.place)
+    return mapping_node({**value, step: YamlEntry(old.key, inside)}, node.place)
 
 
-def _override_error(entry: Entry, dotted_key: str, message: str, suggestion: str = "") -> BadInput:
+def _override_error(
+    entry: YamlEntry, dotted_key: str, message: str, suggestion: str = ""
+) -> BadInput:
     """Return the BadInput that a document cannot be overridden at a dotted key."""
     return BadInput([entry.key.problem(f"override '{dotted_key}': {message}", suggestion)])
 
 
-def load(path: FilePath, name: str | None = None, *, json: bool = False) -> Document:
+def load_document(path: FilePath, name: str | None = None, *, json: bool = False) -> Document:
     """Return the YAML document in a file. name: what to call it in messages; None: the path.
 
     json: the file is JSON, which allows tabs between its tokens; the rest of JSON is YAML.
@@ -174,46 +185,46 @@ def load(path: FilePath, name: str | None = None, *, json: bool = False) -> Docu
     Raises BadInput, with every problem found, for a file that is missing, unreadable, too big,
     not UTF-8 (its path, too) or not YAML, and for what `parse` refuses.
     """
-    source = Source(name if name is not None else str(path))
-    content = read_limited(path, source.name)
+    source = YamlSource(name if name is not None else str(path))
+    content = read_document_bytes(path, source.name)
     if json:
         content = content.replace(b"\t", b" ")
-    return parse(content, name=source.name, path=path)
+    return parse_document(content, name=source.name, path=path)
 
 
-def read_limited(path: FilePath, name: str) -> bytes:
+def read_document_bytes(path: FilePath, name: str) -> bytes:
     """Return the bytes of a document's file. name: what to call it in messages.
 
     Raises BadInput for a file that is missing, unreadable or too big.
     """
-    source = Source(name)
+    source = YamlSource(name)
     try:
         require_utf8(path)
         if not stat.S_ISREG(path.stat().st_mode):
-            raise BadInput([Place(source).problem("is not a file")])
+            raise BadInput([YamlPlace(source).problem("is not a file")])
         with path.open("rb") as stream:
             content = stream.read(MAX_BYTES + 1)
     except (OSError, ValueError) as error:
         reason = error.strerror if isinstance(error, OSError) else None
-        raise BadInput([Place(source).problem(f"cannot be read: {reason or error}")]) from error
+        raise BadInput([YamlPlace(source).problem(f"cannot be read: {reason or error}")]) from error
     if len(content) > MAX_BYTES:
-        raise BadInput([Place(source).problem(f"is larger than {MAX_BYTES} bytes")])
+        raise BadInput([YamlPlace(source).problem(f"is larger than {MAX_BYTES} bytes")])
     return content
 
 
-def parse(content: bytes, *, name: str, path: FilePath | None = None) -> Document:
+def parse_document(content: bytes, *, name: str, path: FilePath | None = None) -> Document:
     """Return the YAML document in a file's bytes; its top level is a mapping.
 
     Raises BadInput for what is not UTF-8, not YAML, empty, several documents, duplicate keys,
     tags, and nesting or aliases beyond the limits of `foundation.files.yaml_nodes`.
     """
-    text = _decode(content, Source(name))
-    source = Source(name, tuple(text.splitlines()))
+    text = _decode(content, YamlSource(name))
+    source = YamlSource(name, tuple(text.splitlines()))
     root = parse_nodes(text, source)
     if root is None or root.value is None:
-        raise BadInput([Place(source).problem("is empty")])
+        raise BadInput([YamlPlace(source).problem("is empty")])
     if not isinstance(root.value, dict):
-        message = f"the top level must be a mapping, is {describe(plain(root))}"
+        message = f"the top level must be a mapping, is {describe_value(plain_value_of_node(root))}"
         raise BadInput([root.place.problem(message)])
     return Document(path if path is not None else FilePath(name), root)
 
@@ -225,47 +236,49 @@ def rows_document(
 
     value: of a word. Raises BadInput for what is not UTF-8.
     """
-    text = _decode(content, Source(name))
-    source = Source(name, tuple(text.splitlines()))
+    text = _decode(content, YamlSource(name))
+    source = YamlSource(name, tuple(text.splitlines()))
     rows = []
     for number, line in enumerate(source.lines[1:], start=2):
         words = tuple(
-            Node(value(found[0]), Place(source, number, found.start() + 1))
+            YamlNode(value(found[0]), YamlPlace(source, number, found.start() + 1))
             for found in re.finditer(r"\S+", line)
         )
         if words:
-            rows.append(sequence_node(words, Place(source, number, 1)))
-    top = Place(source, 1, 1)
+            rows.append(sequence_node(words, YamlPlace(source, number, 1)))
+    top = YamlPlace(source, 1, 1)
     return Document(
-        FilePath(name), mapping_node({key: Entry(top, sequence_node(tuple(rows), top))}, top)
+        FilePath(name), mapping_node({key: YamlEntry(top, sequence_node(tuple(rows), top))}, top)
     )
 
 
-def parse_value(text: str, *, name: str) -> Entry:
+def parse_option_value(text: str, *, name: str) -> YamlEntry:
     """Return the value of an option such as --set KEY=VALUE; `name` is the whole option.
 
     Raises BadInput when the text is not YAML. An empty text is an empty value.
     """
-    source = Source(name)
+    source = YamlSource(name)
     root = parse_nodes(text, source)
-    return Entry(Place(source), root if root is not None else Node(None, Place(source)))
+    return YamlEntry(
+        YamlPlace(source), root if root is not None else YamlNode(None, YamlPlace(source))
+    )
 
 
-def _decode(content: bytes, source: Source) -> str:
+def _decode(content: bytes, source: YamlSource) -> str:
     """Return a document's bytes as text. Raises BadInput when they are no UTF-8 text."""
     if b"\0" in content:
-        raise BadInput([Place(source).problem("is not text (it has NUL bytes)")])
+        raise BadInput([YamlPlace(source).problem("is not text (it has NUL bytes)")])
     try:
         return content.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         before = content[: error.start]
         column = error.start - (before.rfind(b"\n") + 1) + 1
-        shown = Source(source.name, tuple(content.decode(errors="replace").splitlines()))
-        place = Place(shown, before.count(b"\n") + 1, column)
+        shown = YamlSource(source.name, tuple(content.decode(errors="replace").splitlines()))
+        place = YamlPlace(shown, before.count(b"\n") + 1, column)
         raise BadInput([place.problem("is not UTF-8 text")]) from error
 
 
-def check(document: Document, model: type[Model], at: Path = ()) -> Model:
+def check_document(document: Document, model: type[Model], at: Path = ()) -> Model:
     """Return a document's value at a path as a pydantic model. Raises BadInput.
 
     Raises BadInput with every fault at once, in order of their places.
@@ -276,6 +289,6 @@ def check(document: Document, model: type[Model], at: Path = ()) -> Model:
     except ValidationError as error:
         problems = [
             document.problem((*at, *fault.path), fault.message, fault.suggestion, key=fault.on_key)
-            for fault in faults_of(error, value, model)
+            for fault in validation_faults(error, value, model)
         ]
     raise BadInput(sorted(problems, key=lambda problem: (problem.line, problem.column)))

@@ -37,10 +37,10 @@ def read_image(path: Path, flags: int = cv2.IMREAD_COLOR) -> NDArray[Any]:
         raise ImageError("there is no such file")
     if path.stat().st_size > MAX_IMAGE_BYTES:
         raise ImageError(f"it is larger than {MAX_IMAGE_BYTES} bytes")
-    return decode_image(path.read_bytes(), flags)
+    return decode_image_file(path.read_bytes(), flags)
 
 
-def decode_image(data: bytes, flags: int = cv2.IMREAD_COLOR) -> NDArray[Any]:
+def decode_image_file(data: bytes, flags: int = cv2.IMREAD_COLOR) -> NDArray[Any]:
     """Return the pixels of an image file's bytes. Raises ImageError."""
     if len(data) > MAX_IMAGE_BYTES:
         raise ImageError(f"it is larger than {MAX_IMAGE_BYTES} bytes")
@@ -49,7 +49,7 @@ def decode_image(data: bytes, flags: int = cv2.IMREAD_COLOR) -> NDArray[Any]:
         raise ImageError(LFS_POINTER)
     if size is None:
         raise ImageError("not a PNG, JPEG, BMP, TIFF, WebP or PNM image")
-    check_pixels(*size)
+    check_image_size(*size)
     try:
         image: NDArray[Any] | None = cv2.imdecode(np.frombuffer(data, np.uint8), flags)
     except cv2.error as error:
@@ -70,14 +70,14 @@ def read_tga(path: Path) -> NDArray[np.uint8]:
 
     try:
         with Image.open(path, formats=["TGA"]) as image:
-            check_pixels(*image.size)
+            check_image_size(*image.size)
             rgba = np.asarray(image.convert("RGBA"))
     except (ValueError, SyntaxError, IndexError, struct.error) as error:
         raise error if isinstance(error, ImageError) else ImageError("it is damaged") from error
     return rgba[:, :, [2, 1, 0, 3]]
 
 
-def check_pixels(width_px: int, height_px: int) -> None:
+def check_image_size(width_px: int, height_px: int) -> None:
     """Raise ImageError for an image that is too large to be decoded."""
     if width_px * height_px > MAX_IMAGE_PIXELS:
         raise ImageError(

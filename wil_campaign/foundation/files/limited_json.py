@@ -12,7 +12,7 @@ class JsonLimitError(ValueError):
     """A JSON text, or a file, that is beyond a limit; says which."""
 
 
-def read_limited(path: Path, most_bytes: int = MAX_RESULTS_BYTES) -> bytes:
+def read_limited_bytes(path: Path, most_bytes: int = MAX_RESULTS_BYTES) -> bytes:
     """Return the bytes of a file. Raises JsonLimitError when it is too large, and OSError."""
     with path.open("rb") as stream:
         size_bytes = os.fstat(stream.fileno()).st_size
@@ -21,7 +21,7 @@ def read_limited(path: Path, most_bytes: int = MAX_RESULTS_BYTES) -> bytes:
         return stream.read(size_bytes)
 
 
-def check_values(text: bytes) -> None:
+def check_json_values(text: bytes) -> None:
     """Raise JsonLimitError for a JSON text whose objects would fill the memory."""
     # A long text of few values has images as text, which take no more memory than the text.
     if len(text) > MAX_MESSAGE_VALUES:
@@ -30,15 +30,15 @@ def check_values(text: bytes) -> None:
             raise JsonLimitError(f"it has {values} values; at most {MAX_MESSAGE_VALUES} are read")
 
 
-def loads_limited(text: bytes) -> Any:
+def loads_limited_json(text: bytes) -> Any:
     """Return the document of a JSON text. Raises ValueError, also where it is beyond a limit."""
-    check_values(text)
+    check_json_values(text)
     try:
         return json.loads(text)
     except RecursionError as error:
         raise JsonLimitError("it is nested too deep") from error
 
 
-def read_json(path: Path) -> Any:
+def read_limited_json(path: Path) -> Any:
     """Return the document of a JSON file. Raises ValueError, and OSError."""
-    return loads_limited(read_limited(path))
+    return loads_limited_json(read_limited_bytes(path))

@@ -13,7 +13,7 @@ Path = tuple[str | int, ...]
 
 
 @dataclass(frozen=True, slots=True)
-class Later:
+class LaterType:
     """In an Annotated: the key's type is what `of` returns when a file is checked.
 
     By then the plugins are registered, which may add to it.
@@ -26,7 +26,7 @@ class Later:
         return handler.generate_schema(self.of())
 
 
-def descend(here: object, step: str | int) -> tuple[bool, object]:
+def descend_value(here: object, step: str | int) -> tuple[bool, object]:
     """Return whether a value has this key or index, and its value there."""
     if isinstance(here, dict) and step in here:
         return True, here[step]
@@ -40,7 +40,7 @@ def known_keys(model: type[BaseModel], path: Path, value: Data) -> list[str]:
     candidates: list[object] = [model]
     here: object = value
     for step in path:
-        _, here = descend(here, step)
+        _, here = descend_value(here, step)
         candidates = [inner for candidate in candidates for inner in _inside(candidate, step, here)]
     names: dict[str, None] = {}
     for candidate in candidates:
@@ -85,7 +85,7 @@ def _members(annotation: object) -> list[object]:
     origin = typing.get_origin(annotation)
     if origin is typing.Annotated:
         inner, *facts = typing.get_args(annotation)
-        later = next((fact.of for fact in facts if isinstance(fact, Later)), None)
+        later = next((fact.of for fact in facts if isinstance(fact, LaterType)), None)
         return _members(later() if later else inner)
     if origin in {typing.Union, types.UnionType}:
         return [m for part in typing.get_args(annotation) for m in _members(part)]

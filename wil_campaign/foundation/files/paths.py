@@ -22,7 +22,7 @@ def require_utf8(path: Path) -> None:
         raise BadInput([Problem(str(path), 0, 0, message)])
 
 
-def expanded(path: Path) -> Path:
+def expanded_path(path: Path) -> Path:
     """Return a path with its ~ expanded; as it is where there is no such user, or no home."""
     try:
         return path.expanduser()
@@ -46,7 +46,7 @@ def is_folder(path: Path) -> bool:
         return False
 
 
-def exists(path: Path) -> bool:
+def path_exists(path: Path) -> bool:
     """Return whether the path exists; False where access is denied."""
     try:
         return path.exists()

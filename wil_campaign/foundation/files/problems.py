@@ -35,20 +35,20 @@ class Problem:
     @property
     def text(self) -> str:
         """Return what is wrong, and what was meant, without the place."""
-        meant = f"; did you mean '{printable(self.suggestion)}'?" if self.suggestion else ""
-        return f"{printable(self.message)}{meant}"
+        meant = f"; did you mean '{printable_problem(self.suggestion)}'?" if self.suggestion else ""
+        return f"{printable_problem(self.message)}{meant}"
 
     @property
     def headline(self) -> str:
         """Return the first line of the problem's message: place, what is wrong, what was meant."""
         place = f"{self.file}:{self.line}:{self.column}" if self.line else self.file
-        return f"{printable(place)}: {self.text}"
+        return f"{printable_problem(place)}: {self.text}"
 
     def __str__(self) -> str:
         if not self.line or not self.source_line.strip():
             return self.headline
         first = max(0, min(self.column - 1, len(self.source_line)) - _WIDEST_LINE * 3 // 4)
-        shown = printable(self.source_line[first : first + _WIDEST_LINE])
+        shown = printable_problem(self.source_line[first : first + _WIDEST_LINE])
         caret = " " * (self.column - 1 - first) + "^"
         return f"{self.headline}\n    {shown}\n    {caret}"
 
@@ -68,19 +68,19 @@ class BadInput(Exception):  # noqa: N818 - it is the input, not an error of this
         return "\n".join(str(problem) for problem in self.problems)
 
 
-def printable(text: str) -> str:
+def printable_problem(text: str) -> str:
     """Return a problem's text on one line, terminal control characters replaced by '?'."""
     return "".join(letter if letter.isprintable() else "?" for letter in text)
 
 
-def unit_of(key: str) -> str:
+def unit_of_key(key: str) -> str:
     """Return the unit suffix of a key ('m_s'), for problems about units; "" without one."""
     return next((unit for unit in _UNITS if key.endswith("_" + unit)), "")
 
 
-def stem_of(key: str) -> str:
+def stem_of_key(key: str) -> str:
     """Return a key without its unit: 'speed_m_s' and 'speed_kmh' are both 'speed'."""
-    return key.removesuffix("_" + unit_of(key)) if unit_of(key) else key
+    return key.removesuffix("_" + unit_of_key(key)) if unit_of_key(key) else key
 
 
 def closest_file(name: str, known: Iterable[str]) -> str:
@@ -90,18 +90,18 @@ def closest_file(name: str, known: Iterable[str]) -> str:
     # Of the same name with several suffixes, that with the one that was written.
     names.sort(key=lambda one: Path(one).suffix.lower() == suffix)
     by_stem = {Path(one).stem: one for one in names}
-    return by_stem.get(closest(Path(name).stem, by_stem), "")
+    return by_stem.get(closest_word(Path(name).stem, by_stem), "")
 
 
-def closest(word: str, known: Iterable[str]) -> str:
+def closest_word(word: str, known: Iterable[str]) -> str:
     """Return the known word most like a misspelt one, or "" when none is like it.
 
     A key that differs in its unit only comes first, then the most similar one (difflib).
     """
     words = sorted(set(known))
-    stem = stem_of(word.lower())
+    stem = stem_of_key(word.lower())
     for candidate in words:
-        if stem and stem_of(candidate) == stem:
+        if stem and stem_of_key(candidate) == stem:
             return candidate
     lower = {candidate.lower(): candidate for candidate in words}
     found = difflib.get_close_matches(word.lower(), lower, n=1, cutoff=_LIKE_ENOUGH)

@@ -9,9 +9,13 @@ from contextlib import contextmanager, redirect_stdout
 from pathlib import Path
 from types import ModuleType
 
-from wil_campaign.foundation.files.documents import closest, closest_file
+from wil_campaign.foundation.files.documents import closest_file, closest_word
 from wil_campaign.foundation.files.paths import is_file, is_folder
-from wil_campaign.foundation.files.user_modules import own_file, plain, user_folder
+from wil_campaign.foundation.files.user_modules import (
+    user_file_path,
+    user_folder,
+    with_user_module_names,
+)
 
 _OURS = "wil_campaign"
 _LOADING = threading.RLock()
@@ -54,7 +58,7 @@ def load_reference(text: str, folder: Path, *, beside: str = "the campaign") -> 
     found = getattr(module, name, None)
     if found is None:
         own = [key for key, value in vars(module).items() if _is_own(value, module)]
-        raise BadReferenceError(f"there is no '{name}' in {file}", closest(name, own))
+        raise BadReferenceError(f"there is no '{name}' in {file}", closest_word(name, own))
     return found
 
 
@@ -75,7 +79,7 @@ def _require_free_name(path: Path) -> None:
     Of the two, the user's files could import only one.
     """
     for taken in (path.parent / f"{_OURS}.py", path.parent / _OURS / "__init__.py"):
-        if is_file(taken) and own_file(str(taken)) is not None:
+        if is_file(taken) and user_file_path(str(taken)) is not None:
             raise BadReferenceError(
                 f"'{taken.relative_to(path.parent)}' beside '{path.name}' has the name of this "
                 "program, which your files import: rename it"
@@ -127,7 +131,7 @@ def _error_text(error: BaseException, path: Path) -> str:
 
     The line is of the file itself, or of the one beside it that failed.
     """
-    text = plain(f"{type(error).__name__}: {error}")
+    text = with_user_module_names(f"{type(error).__name__}: {error}")
     if isinstance(error, SyntaxError):
         return text
     frames = traceback.extract_tb(error.__traceback__)

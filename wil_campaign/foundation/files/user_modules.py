@@ -82,7 +82,9 @@ class UserFolder:
         except ModuleNotFoundError as error:
             if not (error.name or "").startswith(_PREFIX):
                 raise
-            raise ModuleNotFoundError(plain(str(error)), name=plain(error.name or "")) from None
+            raise ModuleNotFoundError(
+                with_user_module_names(str(error)), name=with_user_module_names(error.name or "")
+            ) from None
         if package:
             return found if fromlist else sys.modules[f"{package}.{top}"]
         if level == 0 and top not in sys.stdlib_module_names:
@@ -118,14 +120,14 @@ class UserFolder:
 
     def keep(self, file: str) -> None:
         """Keep a file that the folder's code had run, if it is the user's own."""
-        path = own_file(file)
+        path = user_file_path(file)
         if path is not None and path not in self.files:
             with suppress(OSError):  # it is gone; who imports it does not mind
                 self.files[path] = _digest(path.read_bytes())
 
     def keep_run(self, file: str, content: bytes) -> None:
         """Keep a file of which this content was run."""
-        path = own_file(file)
+        path = user_file_path(file)
         if path is not None:
             self.files[path] = _digest(content)
 
@@ -170,12 +172,12 @@ def forget_user_modules() -> None:
             del sys.modules[name]
 
 
-def plain(text: str) -> str:
+def with_user_module_names(text: str) -> str:
     """Return a text with the names of modules as the user's files have them."""
     return _PACKAGE.sub("", text)
 
 
-def own_file(file: str) -> Path | None:
+def user_file_path(file: str) -> Path | None:
     """Return the resolved path of a file of the user's own; None for anything else.
 
     A module in a zip file is that file.

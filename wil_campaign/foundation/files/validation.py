@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from pydantic import BaseModel, ConfigDict, ValidationError
 from pydantic_core import ErrorDetails
 
-from wil_campaign.foundation.files.model_keys import Path, descend, known_keys
-from wil_campaign.foundation.files.problems import closest
+from wil_campaign.foundation.files.model_keys import Path, descend_value, known_keys
+from wil_campaign.foundation.files.problems import closest_word
 from wil_campaign.foundation.files.yaml_nodes import Data
 
 
@@ -37,7 +37,7 @@ class KeyFaultError(ValueError):
 
 
 @dataclass(frozen=True, slots=True)
-class Fault:
+class ValidationFault:
     """A validation fault at a path; on_key: concerns the key itself, not its value."""
 
     path: Path
@@ -77,7 +77,9 @@ _COMPARED = {
 }
 
 
-def faults_of(error: ValidationError, value: Data, model: type[BaseModel]) -> list[Fault]:
+def validation_faults(
+    error: ValidationError, value: Data, model: type[BaseModel]
+) -> list[ValidationFault]:
     """Return the faults of a pydantic ValidationError; paths are relative to `value`."""
     errors = error.errors(include_url=False)
     details = [_locate(detail, value) for detail in errors if not _counts_good_ones(detail)]
@@ -112,7 +114,7 @@ def _locate(detail: ErrorDetails, value: Data) -> _Located:
         last = index == len(location) - 1
         if step == "[key]" and last:
             continue
-        found, below = descend(here, step)
+        found, below = descend_value(here, step)
         if found or (last and detail["type"] == "missing"):
             path.append(step)
             here = below
@@ -180,7 +182,9 @@ def _either(words: Iterable[str]) -> str:
     return f"{', '.join(most)} or {last}" if most else last
 
 
-def _fault(path: Path, detail: ErrorDetails, model: type[BaseModel], value: Data) -> Fault:
+def _fault(
+    path: Path, detail: ErrorDetails, model: type[BaseModel], value: Data
+) -> ValidationFault:
     kind, context = detail["type"], detail.get("ctx", {})
     cause = context.get("error")
     if kind in {"missing", "union_tag_not_found"}:
@@ -188,24 +192,24 @@ def _fault(path: Path, detail: ErrorDetails, model: type[BaseModel], value: Data
     if kind == "extra_forbidden":
         return _unknown_key(path, known_keys(model, path[:-1], value))
     if isinstance(cause, KeyFaultError):
-        return Fault((*path, *cause.path), str(cause), cause.suggestion)
+        return ValidationFault((*path, *cause.path), str(cause), cause.suggestion)
     if kind in {"literal_error", "enum", "union_tag_invalid"}:
         return _choice_fault(path, detail)
     on_key = detail["loc"][-1:] == ("[key]",)
     message = str(cause) if cause is not None else _mismatch(detail)
-    return Fault(path, message, on_key=on_key)
+    return ValidationFault(path, message, on_key=on_key)
 
 
-def _missing_fault(path: Path, detail: ErrorDetails) -> Fault:
+def _missing_fault(path: Path, detail: ErrorDetails) -> ValidationFault:
     """Return the fault of a missing key or of too few entries."""
     if detail["type"] == "union_tag_not_found":
-        return Fault(path, f"missing key {detail['ctx']['discriminator']}", on_key=True)
+        return ValidationFault(path, f"missing key {detail['ctx']['discriminator']}", on_key=True)
     if isinstance(path[-1], int):
-        return Fault(path[:-1], f"has too few entries ({len(detail['input'])})")
-    return Fault(path[:-1], f"missing key '{path[-1]}'", on_key=True)
+        return ValidationFault(path[:-1], f"has too few entries ({len(detail['input'])})")
+    return ValidationFault(path[:-1], f"missing key '{path[-1]}'", on_key=True)
 
 
-def _choice_fault(path: Path, detail: ErrorDetails) -> Fault:
+def _choice_fault(path: Path, detail: ErrorDetails) -> ValidationFault:
     """Return the fault of a value outside its choices, with the probable one."""
     context, given = detail.get("ctx", {}), detail["input"]
     if detail["type"] == "union_tag_invalid":
@@ -214,9 +218,9 @@ def _choice_fault(path: Path, detail: ErrorDetails) -> Fault:
     else:
         known = _quote(str(context["expected"]))
     wanted = context.get("wanted", _either(known))
-    shown = f"'{given}'" if isinstance(given, str) else describe(given)
-    meant = closest(given, known) if isinstance(given, str) else ""
-    return Fault(path, f"must be {wanted}, is {shown}", meant)
+    shown = f"'{given}'" if isinstance(given, str) else describe_value(given)
+    meant = closest_word(given, known) if isinstance(given, str) else ""
+    return ValidationFault(path, f"must be {wanted}, is {shown}", meant)
 
 
 def _mismatch(detail: ErrorDetails) -> str:
@@ -225,10 +229,10 @@ def _mismatch(detail: ErrorDetails) -> str:
     context = detail.get("ctx", {})
     if kind in _COMPARED:
         words, key = _COMPARED[kind]
-        return f"must be {words} {context[key]:g}, is {describe(given)}"
+        return f"must be {words} {context[key]:g}, is {describe_value(given)}"
     if kind in _WANTED:
         wanted = context.get("wanted", _WANTED[kind])
-        return f"must be {wanted}, is {describe(given)}{_hint(str(wanted), given)}"
+        return f"must be {wanted}, is {describe_value(given)}{_hint(str(wanted), given)}"
     if kind in {"too_short", "too_long"}:
         words, key = ("least", "min_length") if kind == "too_short" else ("most", "max_length")
         return f"must have at {words} {context[key]} entries, has {context['actual_length']}"
@@ -260,7 +264,7 @@ def _number(text: str) -> float:
         return 0.0
 
 
-def describe(given: object) -> str:
+def describe_value(given: object) -> str:
     """Return a value as a validation message shows it, short."""
     if given is None:
         return "empty"
@@ -280,18 +284,18 @@ def _quote(expected: str) -> list[str]:
     return re.findall(r"'([^']*)'", expected) or re.split(r",\s*|\s+or\s+", expected)
 
 
-def _unknown_key(path: Path, known: list[str]) -> Fault:
-    meant = closest(str(path[-1]), known)
+def _unknown_key(path: Path, known: list[str]) -> ValidationFault:
+    meant = closest_word(str(path[-1]), known)
     message = f"unknown key '{path[-1]}'"
     if not meant and known:
         message += f" (known here: {', '.join(known)})"
-    return Fault(path, message, meant, on_key=True)
+    return ValidationFault(path, message, meant, on_key=True)
 
 
-def _without_echoes(faults: list[Fault]) -> list[Fault]:
+def _without_echoes(faults: list[ValidationFault]) -> list[ValidationFault]:
     """Return the faults without duplicates and "missing x" that repeat an "unknown y"."""
     meant = {(fault.path[:-1], fault.suggestion) for fault in faults if "unknown" in fault.message}
-    kept: dict[Fault, None] = {}
+    kept: dict[ValidationFault, None] = {}
     for fault in faults:
         missing = re.fullmatch(r"missing key '(.*)'", fault.message)
         if missing is None or (fault.path, missing[1]) not in meant:

@@ -43,7 +43,7 @@ _FLOAT = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?")
 
 
 @dataclass(frozen=True, slots=True)
-class Source:
+class YamlSource:
     """The source of YAML text: its name in messages, and its lines."""
 
     name: str
@@ -51,10 +51,10 @@ class Source:
 
 
 @dataclass(frozen=True, slots=True)
-class Place:
+class YamlPlace:
     """A place in YAML text; line and column count from 1, line 0 is the source as a whole."""
 
-    source: Source
+    source: YamlSource
     line: int = 0
     column: int = 0
 
@@ -68,50 +68,50 @@ class Place:
 
 
 @dataclass(frozen=True, slots=True)
-class Node:
+class YamlNode:
     """A YAML value and its place; `size` counts nodes beneath with aliases expanded."""
 
-    value: "Scalar | dict[str, Entry] | tuple[Node, ...]"
-    place: Place
+    value: "Scalar | dict[str, YamlEntry] | tuple[YamlNode, ...]"
+    place: YamlPlace
     size: int = 1
     height: int = 1
 
 
 @dataclass(frozen=True, slots=True)
-class Entry:
+class YamlEntry:
     """A YAML mapping's entry: the place of the key, and the value's node."""
 
-    key: Place
-    node: Node
+    key: YamlPlace
+    node: YamlNode
 
 
-def mapping_node(entries: dict[str, Entry], place: Place) -> Node:
+def mapping_node(entries: dict[str, YamlEntry], place: YamlPlace) -> YamlNode:
     """Return the YAML node of a mapping."""
     return _check_size(entries, [entry.node for entry in entries.values()], place)
 
 
-def sequence_node(items: tuple[Node, ...], place: Place) -> Node:
+def sequence_node(items: tuple[YamlNode, ...], place: YamlPlace) -> YamlNode:
     """Return the YAML node of a sequence."""
     return _check_size(items, list(items), place)
 
 
 def _check_size(
-    value: dict[str, Entry] | tuple[Node, ...], children: list[Node], place: Place
-) -> Node:
+    value: dict[str, YamlEntry] | tuple[YamlNode, ...], children: list[YamlNode], place: YamlPlace
+) -> YamlNode:
     size = 1 + sum(child.size for child in children)
-    return Node(value, place, size, 1 + max((child.height for child in children), default=0))
+    return YamlNode(value, place, size, 1 + max((child.height for child in children), default=0))
 
 
-def plain(node: Node) -> Data:
+def plain_value_of_node(node: YamlNode) -> Data:
     """Return a YAML node's value as new dicts, lists and scalars."""
     if isinstance(node.value, dict):
-        return {key: plain(entry.node) for key, entry in node.value.items()}
+        return {key: plain_value_of_node(entry.node) for key, entry in node.value.items()}
     if isinstance(node.value, tuple):
-        return [plain(item) for item in node.value]
+        return [plain_value_of_node(item) for item in node.value]
     return node.value
 
 
-def parse_nodes(text: str, source: Source) -> Node | None:
+def parse_nodes(text: str, source: YamlSource) -> YamlNode | None:
     """Return the root node of the YAML text's one document; None when there is none.
 
     Raises BadInput with every problem found: syntax, duplicate keys, tags, several documents,
@@ -120,7 +120,7 @@ def parse_nodes(text: str, source: Source) -> Node | None:
     return (_parse_cached if len(text) <= _LARGEST_CACHED else _parse)(text, source)
 
 
-def _parse(text: str, source: Source) -> Node | None:
+def _parse(text: str, source: YamlSource) -> YamlNode | None:
     """Return the root node by libyaml; by PyYAML where libyaml refuses, for its messages."""
     if _C_LOADER is not None and not _PARSED_DIFFERENTLY.search(text):
         fast = _Builder(text, source, _C_LOADER)
@@ -131,7 +131,7 @@ def _parse(text: str, source: Source) -> Node | None:
     return _parse_with_messages(text, source)
 
 
-def _parse_with_messages(text: str, source: Source) -> Node | None:
+def _parse_with_messages(text: str, source: YamlSource) -> YamlNode | None:
     builder = _Builder(text, source, yaml.SafeLoader)
     try:
         root = builder.document()
@@ -140,10 +140,10 @@ def _parse_with_messages(text: str, source: Source) -> Node | None:
     except yaml.reader.ReaderError as error:
         before = text[: error.position]
         column = error.position - (before.rfind("\n") + 1) + 1
-        place = Place(source, before.count("\n") + 1, column)
+        place = YamlPlace(source, before.count("\n") + 1, column)
         builder.problems.append(place.problem("a character that YAML does not allow"))
     except (yaml.YAMLError, ValueError, OverflowError) as error:
-        builder.problems.append(Place(source).problem(f"not YAML: {error}"))
+        builder.problems.append(YamlPlace(source).problem(f"not YAML: {error}"))
     if builder.problems:
         raise BadInput(builder.problems)
     return root
@@ -153,14 +153,14 @@ _parse_cached = lru_cache(maxsize=_CACHED_TEXTS)(_parse)
 """A campaign names the same world and the same profiles in every case."""
 
 
-def _syntax_problem(error: yaml.MarkedYAMLError, source: Source, text: str) -> Problem:
+def _syntax_problem(error: yaml.MarkedYAMLError, source: YamlSource, text: str) -> Problem:
     begun = error.context_mark
     if begun is not None and error.problem == _NO_COLON:
         # The scanner notices it at the next key: the place is where this one begins.
         line = text[text.rfind("\n", 0, begun.index) + 1 :].partition("\n")[0].strip()
-        return Place(source, begun.line + 1, begun.column + 1).problem(f"'{line}' needs a ':'")
+        return YamlPlace(source, begun.line + 1, begun.column + 1).problem(f"'{line}' needs a ':'")
     mark = error.problem_mark or error.context_mark
-    place = Place(source, mark.line + 1, mark.column + 1) if mark else Place(source)
+    place = YamlPlace(source, mark.line + 1, mark.column + 1) if mark else YamlPlace(source)
     parts = [part for part in (error.context, error.problem) if part]
     return place.problem("not YAML: " + ", ".join(parts))
 
@@ -171,17 +171,17 @@ _NO_COLON = "could not find expected ':'"
 class _Builder:
     """Builds YAML nodes from the parser's events, one document, noting problems."""
 
-    def __init__(self, text: str, source: Source, loader: Any) -> None:
+    def __init__(self, text: str, source: YamlSource, loader: Any) -> None:
         self.problems: list[Problem] = []
         self.has_doubtful_place = False
         """Whether an empty value may have another place in libyaml than in PyYAML."""
         self._flows = 0
         self._source = source
         self._events: Iterator[Any] = yaml.parse(text, Loader=loader)
-        self._anchors: dict[str, Node | None] = {}
+        self._anchors: dict[str, YamlNode | None] = {}
         self._total = 0
 
-    def document(self) -> Node | None:
+    def document(self) -> YamlNode | None:
         """Return the root node of the one YAML document; None when there is none."""
         next(self._events)
         if isinstance(next(self._events), yaml.StreamEndEvent):
@@ -196,15 +196,15 @@ class _Builder:
     def _note(self, event: Any, message: str, suggestion: str = "") -> None:
         self.problems.append(self._place(event).problem(message, suggestion))
 
-    def _place(self, event: Any) -> Place:
+    def _place(self, event: Any) -> YamlPlace:
         mark = event.start_mark
-        return Place(self._source, mark.line + 1, mark.column + 1)
+        return YamlPlace(self._source, mark.line + 1, mark.column + 1)
 
     def _fatal(self, event: Any, message: str) -> BadInput:
         """Return the BadInput of a YAML event after which reading must stop."""
         return BadInput([*self.problems, self._place(event).problem(message)])
 
-    def _node(self, event: Any, depth: int) -> Node:
+    def _node(self, event: Any, depth: int) -> YamlNode:
         if depth > MAX_DEPTH:
             raise self._fatal(event, f"nested more than {MAX_DEPTH} deep")
         if isinstance(event, yaml.AliasEvent):
@@ -217,7 +217,7 @@ class _Builder:
             raise self._fatal(event, f"more than {limits} once aliases are written out")
         return node
 
-    def _check_anchor(self, event: Any, depth: int) -> Node:
+    def _check_anchor(self, event: Any, depth: int) -> YamlNode:
         """Note a YAML tag, and remember an anchor; refuse too deep nesting."""
         if event.tag not in (None, "!"):
             self._note(event, f"tag '{event.tag}': tags are not used in these files")
@@ -233,7 +233,7 @@ class _Builder:
             self._anchors[event.anchor] = node
         return node
 
-    def _alias(self, event: Any) -> Node:
+    def _alias(self, event: Any) -> YamlNode:
         """Return the node that a YAML alias refers to; a bad one is noted."""
         node = self._anchors.get(event.anchor)
         if node is not None:
@@ -242,20 +242,20 @@ class _Builder:
             self._note(event, f"'*{event.anchor}' is inside the value that it refers to")
         else:
             self._note(event, f"'*{event.anchor}' refers to no '&{event.anchor}' above")
-        return Node(None, self._place(event))
+        return YamlNode(None, self._place(event))
 
-    def _sequence(self, start: Any, depth: int) -> Node:
-        items: list[Node] = []
+    def _sequence(self, start: Any, depth: int) -> YamlNode:
+        items: list[YamlNode] = []
         self._flows += bool(start.flow_style)
         while not isinstance(event := next(self._events), yaml.SequenceEndEvent):
             items.append(self._node(event, depth + 1))
         self._flows -= bool(start.flow_style)
         return sequence_node(tuple(items), self._place(start))
 
-    def _mapping(self, start: Any, depth: int) -> Node:
+    def _mapping(self, start: Any, depth: int) -> YamlNode:
         """Return the node of a YAML mapping; repeated keys are noted."""
-        own: dict[str, Entry] = {}
-        merged: dict[str, Entry] = {}
+        own: dict[str, YamlEntry] = {}
+        merged: dict[str, YamlEntry] = {}
         self._flows += bool(start.flow_style)
         while not isinstance(event := next(self._events), yaml.MappingEndEvent):
             key = self._key(event, depth)
@@ -266,13 +266,13 @@ class _Builder:
                 first = own[key].key.line
                 self._note(event, f"key '{key}' is declared twice, first in line {first}")
             elif key is not None:
-                own[key] = Entry(self._place(event), node)
+                own[key] = YamlEntry(self._place(event), node)
         self._flows -= bool(start.flow_style)
         return mapping_node({**merged, **own}, self._place(start))
 
-    def _merge_keys(self, event: Any, node: Node) -> dict[str, Entry]:
+    def _merge_keys(self, event: Any, node: YamlNode) -> dict[str, YamlEntry]:
         """Return the entries that YAML's `<<` brings; of several mappings the first wins."""
-        merged: dict[str, Entry] = {}
+        merged: dict[str, YamlEntry] = {}
         for part in node.value if isinstance(node.value, tuple) else (node,):
             if isinstance(part.value, dict):
                 merged = {**part.value, **merged}
@@ -289,7 +289,7 @@ class _Builder:
         self._node(event, depth + 1)
         return None
 
-    def _scalar(self, event: Any) -> Node:
+    def _scalar(self, event: Any) -> YamlNode:
         place = self._place(event)
         text = str(event.value)
         # In braces, brackets, and where it is the whole document.
@@ -297,8 +297,8 @@ class _Builder:
             self.has_doubtful_place = True
         if any("\ud800" <= letter <= "\udfff" for letter in text):
             self._note(event, "an unpaired surrogate is not a character")
-            return Node(None, place)
-        return Node(text if event.style or event.tag else _resolve(text), place)
+            return YamlNode(None, place)
+        return YamlNode(text if event.style or event.tag else _resolve(text), place)
 
 
 def _resolve(text: str) -> Scalar:
@@ -314,7 +314,7 @@ def _resolve(text: str) -> Scalar:
     return text
 
 
-def place_within(node: Node, offset: int) -> Place:
+def place_within(node: YamlNode, offset: int) -> YamlPlace:
     """Return the place of a character of a YAML text value, by its offset in the text.
 
     A text is followed through the source: quotes, doubled quotes, and line breaks that became
@@ -337,7 +337,7 @@ def place_within(node: Node, offset: int) -> Place:
         at += 1
     before = raw[:at]
     line = before.count("\n")
-    return Place(place.source, place.line + line, at - (before.rfind("\n") + 1) + 1)
+    return YamlPlace(place.source, place.line + line, at - (before.rfind("\n") + 1) + 1)
 
 
 def _after_letter(raw: str, at: int, letter: str, quote: str) -> int:

@@ -13,7 +13,7 @@ from pathlib import Path
 from wil_campaign.foundation.clocks.paced_loop import call_wall_later, wall_timeout
 from wil_campaign.foundation.clocks.virtual_loop import VirtualLoop
 from wil_campaign.foundation.processes.fork_server import ForkedProcess, ForkServer
-from wil_campaign.foundation.processes.identity import ProcessId, group_lives
+from wil_campaign.foundation.processes.identity import ProcessId, process_group_lives
 from wil_campaign.foundation.processes.linux import exit_descriptor
 
 _GRACE_S = 3.0
@@ -243,7 +243,7 @@ class ChildProcess:
         with contextlib.suppress(TimeoutError):
             async with wall_timeout(within_s):
                 await self._ended.wait()
-                while self.pid is not None and group_lives(self.pid):  # noqa: ASYNC110 - theirs
+                while self.pid is not None and process_group_lives(self.pid):  # noqa: ASYNC110 - theirs
                     await asyncio.sleep(_POLL_S)
                 return True
         return False
@@ -251,7 +251,7 @@ class ChildProcess:
     def _await_gone(self, within_s: float) -> bool:
         """Wait in a thread for the end of the child's group, which the loop reaps."""
         until_s = time.monotonic() + within_s
-        while self.running or (self.pid is not None and group_lives(self.pid)):
+        while self.running or (self.pid is not None and process_group_lives(self.pid)):
             if time.monotonic() >= until_s:
                 return False
             time.sleep(_POLL_S)
@@ -326,7 +326,7 @@ async def run_briefly(argv: Sequence[str], *, timeout_s: float = 10.0) -> None:
         await child.end()
 
 
-def how_it_ended(code: int | None) -> str:
+def exit_status_text(code: int | None) -> str:
     """Return in words how a child process ended; code: negative by a signal."""
     if code is None:
         return "ended"

@@ -12,9 +12,14 @@ import time
 from collections.abc import Callable, Mapping
 
 from wil_campaign.foundation.clocks.paced_loop import PacedLoop
-from wil_campaign.foundation.clocks.progress import ProgressReporter
-from wil_campaign.foundation.clocks.sim_clock_controller import Segment
-from wil_campaign.foundation.processes.codec import Codec, Finite, Message, MessageError
+from wil_campaign.foundation.clocks.progress import ClockProgressReporter
+from wil_campaign.foundation.clocks.sim_clock_controller import ClockSegment
+from wil_campaign.foundation.processes.codec import (
+    Finite,
+    MessageCodec,
+    ProcessMessage,
+    ProcessMessageError,
+)
 
 CLOCK_DESCRIPTOR = "WIL_CAMPAIGN_CLOCK"
 """The environment variable with the file descriptor of a child's end."""
@@ -22,20 +27,20 @@ _PACKET_BYTES = 256
 _PACKETS_A_TURN = 64
 
 
-class Continue(Message, frozen=True):
+class ContinueClock(ProcessMessage, frozen=True):
     """Clock message: how the run clock continues."""
 
-    segment: Segment
+    segment: ClockSegment
 
 
-class Reached(Message, frozen=True):
+class ProgressReached(ProcessMessage, frozen=True):
     """Clock message: the process has done all that was due until a moment of the run clock."""
 
     run_s: Finite
 
 
-_continue: Codec[Continue] = Codec(Continue)
-_reached: Codec[Reached] = Codec(Reached)
+_continue: MessageCodec[ContinueClock] = MessageCodec(ContinueClock)
+_reached: MessageCodec[ProgressReached] = MessageCodec(ProgressReached)
 
 
 def clock_environment(end: socket.socket | None) -> dict[str, str]:
@@ -65,9 +70,9 @@ class ClockSockets:
         asyncio.get_running_loop().add_reader(ours, self._read, name, ours)
         return theirs
 
-    def send(self, segment: Segment) -> None:
+    def send(self, segment: ClockSegment) -> None:
         """Send all processes a segment; one whose socket is full hangs, and misses it."""
-        packet = _continue.encode(Continue(segment))
+        packet = _continue.encode(ContinueClock(segment))
         for end in self._ends.values():
             try:
                 end.send(packet)
@@ -95,7 +100,7 @@ class ClockSockets:
                 run_s = _reached.decode(packet).run_s
         except BlockingIOError:
             pass
-        except MessageError:
+        except ProcessMessageError:
             return
         except OSError:
             self._drop(name)
@@ -111,7 +116,7 @@ class InheritedClock:
     def __init__(self, *, loop: PacedLoop, end: socket.socket) -> None:
         self._loop = loop
         self._end = end
-        self._progress: ProgressReporter | None = None
+        self._progress: ClockProgressReporter | None = None
         end.setblocking(False)
         # Read before all other input: requests are handled at the clock time they were sent at.
         loop.add_first_reader(end, self._read)
@@ -132,7 +137,7 @@ class InheritedClock:
         self._end.close()
 
     def _read(self) -> None:
-        segment: Segment | None = None
+        segment: ClockSegment | None = None
         try:
             while packet := self._end.recv(_PACKET_BYTES):
                 segment = _continue.decode(packet).segment
@@ -140,25 +145,25 @@ class InheritedClock:
             if segment is not None:
                 self._follow(segment)
             return
-        except MessageError as error:
+        except ProcessMessageError as error:
             sys.stderr.write(f"clock: {error}\n")
             return
         except OSError:
             pass
         self._continue_alone()
 
-    def _follow(self, segment: Segment) -> None:
+    def _follow(self, segment: ClockSegment) -> None:
         self._loop.follow(segment)
         if self._progress is None and math.isfinite(segment.holds_s):
-            self._progress = ProgressReporter(loop=self._loop, report=self._send)
+            self._progress = ClockProgressReporter(loop=self._loop, report=self._send)
 
     def _send(self, run_s: float) -> None:
         try:
-            self._end.send(_reached.encode(Reached(run_s)))
+            self._end.send(_reached.encode(ProgressReached(run_s)))
         except OSError:
             return  # A closed socket is detected by reading; a leader that hangs misses reports.
 
     def _continue_alone(self) -> None:
         self.close()
         rate = max(1.0, self._loop.segment.rate)
-        self._loop.follow(Segment(time.monotonic(), self._loop.time(), rate))
+        self._loop.follow(ClockSegment(time.monotonic(), self._loop.time(), rate))

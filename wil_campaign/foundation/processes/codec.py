@@ -12,7 +12,7 @@ LONGEST_FRAME_BYTES = 16 << 20
 _LENGTH_BYTES = 4
 
 
-class Message(msgspec.Struct, frozen=True, array_like=True, tag=True):
+class ProcessMessage(msgspec.Struct, frozen=True, array_like=True, tag=True):
     """The base of messages between our own processes; each kind is a subclass."""
 
 
@@ -21,11 +21,11 @@ Plain = Mapping[type, tuple[Callable[[Any], object], Callable[[Any], object]]]
 """For types that are not data classes: the conversions to and from plain values."""
 
 
-class MessageError(ValueError):
+class ProcessMessageError(ValueError):
     """Bytes from another process are not an expected message; says why."""
 
 
-class Codec(Generic[Value]):
+class MessageCodec(Generic[Value]):
     """The codec of messages between processes: one type, a union of messages or a data class."""
 
     def __init__(self, kind: Any, *, plain: Plain | None = None) -> None:
@@ -44,7 +44,7 @@ class Codec(Generic[Value]):
         try:
             return self._decoder.decode(packet)
         except (msgspec.MsgspecError, ValueError, TypeError, KeyError, RecursionError) as error:
-            raise MessageError(f"{len(packet)} bytes cannot be read: {error}") from error
+            raise ProcessMessageError(f"{len(packet)} bytes cannot be read: {error}") from error
 
     def _to_plain(self, value: object) -> object:
         if isinstance(value, np.generic):
@@ -58,7 +58,7 @@ class Codec(Generic[Value]):
         return self._plain[kind][1](value)
 
 
-def framed(packet: bytes) -> bytes:
+def framed_packet(packet: bytes) -> bytes:
     """Return an encoded packet with its length before it, for a stream of bytes."""
     return len(packet).to_bytes(_LENGTH_BYTES, "little") + packet
 
@@ -75,7 +75,7 @@ class FrameReader:
         while len(self._rest) >= _LENGTH_BYTES:
             length = int.from_bytes(self._rest[:_LENGTH_BYTES], "little")
             if length > LONGEST_FRAME_BYTES:
-                raise MessageError(f"a packet of {length} bytes is too long")
+                raise ProcessMessageError(f"a packet of {length} bytes is too long")
             end = _LENGTH_BYTES + length
             if len(self._rest) < end:
                 return

@@ -22,8 +22,12 @@ from io import FileIO
 from pathlib import Path
 
 from wil_campaign.foundation.clocks.paced_loop import wall_timeout
-from wil_campaign.foundation.processes.codec import Codec, Message, MessageError
-from wil_campaign.foundation.processes.linux import show_command
+from wil_campaign.foundation.processes.codec import (
+    MessageCodec,
+    ProcessMessage,
+    ProcessMessageError,
+)
+from wil_campaign.foundation.processes.linux import show_process_command
 
 OWN_VARIABLES = "WIL_CAMPAIGN_"
 """Variables of one process, as of the sockets that it inherits, begin so."""
@@ -41,7 +45,7 @@ _STARTED, _ENDED = b"s", b"e"
 _GO = b"go"
 
 
-class _Request(Message, frozen=True):
+class _Request(ProcessMessage, frozen=True):
     """Asks a fork server for a process. argv: its whole command line. numbers: of descriptors.
 
     The packet brings a socket for replies, and the descriptors that get these numbers.
@@ -54,7 +58,7 @@ class _Request(Message, frozen=True):
     numbers: tuple[int, ...]
 
 
-_request: Codec[_Request] = Codec(_Request)
+_request: MessageCodec[_Request] = MessageCodec(_Request)
 
 
 class ForkedProcess:
@@ -202,7 +206,7 @@ class _Child:
         self.descriptors = descriptors
 
 
-def serve(end: socket.socket, run: Callable[[list[str]], int], *, words: int) -> int:
+def serve_forks(end: socket.socket, run: Callable[[list[str]], int], *, words: int) -> int:
     """Fork a process for each request until no client is left; return the exit code.
 
     run: the program, of its arguments; words: how many of a command's words stand before those.
@@ -270,7 +274,7 @@ def _fork(
     reply = socket.socket(fileno=descriptors[0])
     try:
         request = _request.decode(data)
-    except MessageError:
+    except ProcessMessageError:
         request = None
     if (
         request is None
@@ -327,7 +331,7 @@ def _become(child: _Child) -> None:
     signal.signal(signal.SIGINT, signal.default_int_handler)
     os.setsid()
     request = child.request
-    show_command(request.argv)
+    show_process_command(request.argv)
     if not _is_wanted(child.reply):
         os._exit(0)
     child.reply.detach()

@@ -76,7 +76,7 @@ def working_in(folder: Path) -> Iterator[ProcessId]:
             yield found
 
 
-def group_lives(group: int) -> bool:
+def process_group_lives(group: int) -> bool:
     """Return whether a process of a group runs; a zombie does not."""
     try:
         os.killpg(group, 0)

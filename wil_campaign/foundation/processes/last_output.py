@@ -32,7 +32,7 @@ def last_output(log: Path) -> str:
     return _exception(lines) or "; ".join(end)
 
 
-def with_interpreter(
+def output_with_interpreter(
     printed: str, argv: Sequence[str], *, environment: Mapping[str, str], folder: Path | None
 ) -> str:
     """Return what a program said; where Python missed a module or file, with what ran it.

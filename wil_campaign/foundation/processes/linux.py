@@ -42,7 +42,7 @@ def adopt_orphans() -> None:
     _prctl(_PR_SET_CHILD_SUBREAPER, 1, "the adoption of orphaned processes")
 
 
-def show_command(argv: Sequence[str]) -> None:
+def show_process_command(argv: Sequence[str]) -> None:
     """Have /proc show a command line as that of this process (Linux).
 
     It replaces the words that the process was started with where they stand in memory, by
@@ -67,7 +67,7 @@ def exit_descriptor(pid: int) -> int:
     return os.pidfd_open(pid)
 
 
-def peer_uid(end: socket.socket) -> int:
+def socket_peer_uid(end: socket.socket) -> int:
     """Return the user at a Unix socket's other end (Linux). Raises UnsupportedSystemError."""
     if not sys.platform.startswith("linux"):
         raise _refusal("the credentials of a socket's peer")
@@ -154,7 +154,7 @@ def processor_wait_s(pid: int) -> float:
     return 0.0
 
 
-def rise_above_load() -> str:
+def raise_process_priority() -> str:
     """Raise this process's scheduling priority; return the scheduling that the system granted.
 
     "real-time": SCHED_RR at the lowest of its priorities (sched(7)), so that only the kernel and
@@ -174,7 +174,7 @@ def rise_above_load() -> str:
     return "normal"
 
 
-def stay_in_memory() -> bool:
+def lock_process_memory() -> bool:
     """Keep what this process uses in RAM from now on; return whether the system permits it.
 
     Else a machine short of memory reads a program's code from the disk again, each time for

@@ -22,7 +22,7 @@ _NOT_STARTED = 127
 _SOON_S = 0.05
 
 
-def supervised(
+def supervised_command(
     argv: Sequence[str], *, parent: int, grace_s: float, folder: str = ""
 ) -> tuple[str, ...]:
     """Return the command that runs a program under a supervisor.
@@ -35,7 +35,7 @@ def supervised(
     return (*supervisor, str(parent), f"{grace_s:g}", folder, *argv)
 
 
-class Supervisor:
+class ProcessSupervisor:
     """The supervisor of a program: waits for its end or a signal, and ends its processes."""
 
     def __init__(self, *, argv: list[str], grace_s: float, lifeline: int | None) -> None:
@@ -146,7 +146,7 @@ def main(arguments: list[str]) -> int:
         if os.getppid() != parent:
             # The parent ended before the call.
             return _NOT_STARTED
-    return Supervisor(argv=arguments[3:], grace_s=grace_s, lifeline=lifeline).run()
+    return ProcessSupervisor(argv=arguments[3:], grace_s=grace_s, lifeline=lifeline).run()
 
 
 def _write_to(folder: str) -> None:

@@ -8,12 +8,16 @@ from pathlib import Path
 
 import pytest
 
-from wil_campaign.orchestrator.campaign.folder.campaign_folder import TakenError, held, held_run
+from wil_campaign.orchestrator.campaign.folder.campaign_folder import (
+    FolderTakenError,
+    locked_campaign_folder,
+    locked_run_folder,
+)
 
 Held = Callable[[Path], AbstractContextManager[None]]
 
 
-@pytest.mark.parametrize("lock", [held, held_run])
+@pytest.mark.parametrize("lock", [locked_campaign_folder, locked_run_folder])
 def test_the_locked_file_is_open_for_writing(
     lock: Held, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -29,7 +33,7 @@ def test_the_locked_file_is_open_for_writing(
         flock(handle, how)
 
     monkeypatch.setattr(fcntl, "flock", record)
-    with lock(folder), pytest.raises(TakenError, match="is in use by another"), lock(folder):
+    with lock(folder), pytest.raises(FolderTakenError, match="is in use by another"), lock(folder):
         pass
     assert locked == [(True, os.O_RDWR)] * 2
     with lock(folder):
@@ -39,9 +43,9 @@ def test_the_locked_file_is_open_for_writing(
 def test_the_lock_of_a_run_is_beside_its_files_and_stays_with_its_place(tmp_path: Path) -> None:
     folder = tmp_path / "1"
     folder.mkdir()
-    with held_run(folder):
+    with locked_run_folder(folder):
         assert not any(folder.iterdir())
         folder.rename(tmp_path / "2")
         folder.mkdir()
-        with pytest.raises(TakenError), held_run(folder):
+        with pytest.raises(FolderTakenError), locked_run_folder(folder):
             pass

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from tests.orchestrator.hover import write_hover
-from wil_campaign.campaigns.expansion.expansion import Options, load_campaign
+from wil_campaign.campaigns.expansion.expansion import ExpansionOptions, load_campaign
 from wil_campaign.orchestrator.campaign.folder.campaign_folder import OutputError
 from wil_campaign.orchestrator.campaign.folder.flown_files import FlownFiles
 from wil_campaign.orchestrator.campaign.folder.manifest import file_digest, maybe_written_files
@@ -101,5 +101,5 @@ def test_files_that_only_the_user_s_code_is_given_may_be_written(tmp_path: Path)
         (tmp_path / name).write_text("1")
     program = "{program: [python3, fly.py, --log, flight.log], with: {a: gains.txt, b: net.onnx}}"
     path.write_text(path.read_text().replace("still.py:Still", program))
-    found = maybe_written_files(load_campaign(path, Options()))
+    found = maybe_written_files(load_campaign(path, ExpansionOptions()))
     assert found == {tmp_path / "flight.log", tmp_path / "gains.txt"}

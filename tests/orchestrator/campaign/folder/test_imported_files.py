@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from wil_campaign.orchestrator.campaign.folder.imported_files import imported_by
+from wil_campaign.orchestrator.campaign.folder.imported_files import files_imported_by
 
 
 def test_imports_are_followed_and_nothing_is_run(
@@ -19,7 +19,7 @@ def test_imports_are_followed_and_nothing_is_run(
     (package / "deeper.py").write_text("import json, wil_campaign.vehicles.autonomy\n")
     autonomy = tmp_path / "autonomy.py"
     autonomy.write_text("def later():\n    from lab_of_ours.gains import K\n    import nowhere\n")
-    found = imported_by({autonomy})
+    found = files_imported_by({autonomy})
     assert {path.name for path in found.files} >= {"gains.py", "deeper.py"}
     assert autonomy not in found.files
     assert found.packages == {"numpy"}
@@ -29,4 +29,4 @@ def test_imports_are_followed_and_nothing_is_run(
 @pytest.mark.parametrize("text", ["def (", "\0"])
 def test_a_file_that_cannot_be_parsed_imports_nothing(tmp_path: Path, text: str) -> None:
     (tmp_path / "broken.py").write_text(text)
-    assert imported_by({tmp_path / "broken.py"}).files == frozenset()
+    assert files_imported_by({tmp_path / "broken.py"}).files == frozenset()

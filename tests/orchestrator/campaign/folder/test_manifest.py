@@ -7,10 +7,10 @@ from typing import Any
 import pytest
 
 from tests.orchestrator.conftest import ROOT
-from wil_campaign.campaigns.expansion.expansion import Options, load_campaign
+from wil_campaign.campaigns.expansion.expansion import ExpansionOptions, load_campaign
 from wil_campaign.orchestrator.campaign.folder.manifest import (
+    campaign_manifest,
     judging_manifest,
-    manifest,
     world_digest,
 )
 from wil_campaign.orchestrator.campaign.folder.manifest_changes import changes_since_flight
@@ -20,13 +20,15 @@ RATE = "recipe.sensors.camera.rate_hz=5"
 
 
 def flown(file: str, **options: Any) -> dict[str, Any]:
-    found: dict[str, Any] = json.loads(json.dumps(manifest(load(file, **options), "virtual")))
+    found: dict[str, Any] = json.loads(
+        json.dumps(campaign_manifest(load(file, **options), "virtual"))
+    )
     return found
 
 
 @cache
 def load(file: str, **options: Any) -> Any:
-    return load_campaign(ROOT / "campaigns" / file, Options(loads_code=False, **options))
+    return load_campaign(ROOT / "campaigns" / file, ExpansionOptions(loads_code=False, **options))
 
 
 def changes(before: dict[str, Any], file: str, **options: Any) -> list[str]:

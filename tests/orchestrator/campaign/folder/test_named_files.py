@@ -9,7 +9,7 @@ import trimesh
 from tests.orchestrator.hover import WORLD, write_hover
 from wil_campaign.campaigns.expansion.expansion import load_campaign
 from wil_campaign.foundation.files.documents import Data
-from wil_campaign.orchestrator.campaign.folder.manifest import manifest, world_digest
+from wil_campaign.orchestrator.campaign.folder.manifest import campaign_manifest, world_digest
 from wil_campaign.orchestrator.campaign.folder.named_files import named_files
 
 
@@ -27,13 +27,16 @@ def test_a_mesh_whose_buffers_changed_is_another_world(tmp_path: Path) -> None:
     write_crate(tmp_path, 1.0)
     said = (tmp_path / "crate.gltf").read_bytes()
     campaign = load_campaign(path)
-    before, world = manifest(campaign, "virtual")["files"], world_digest(campaign.runs[0].files)
+    before, world = (
+        campaign_manifest(campaign, "virtual")["files"],
+        world_digest(campaign.runs[0].files),
+    )
     assert isinstance(before, dict)
     assert {name for name in before if name.endswith(".bin")}
     for one in tmp_path.glob("*.bin"):
         one.write_bytes(bytes(len(one.read_bytes())))
     assert (tmp_path / "crate.gltf").read_bytes() == said
-    after = manifest(campaign, "virtual")["files"]
+    after = campaign_manifest(campaign, "virtual")["files"]
     assert isinstance(after, dict)
     changed = {name for name in before if before[name] != after[name]}
     assert changed

@@ -11,17 +11,21 @@ from tests.orchestrator.hover import write_hover
 from tests.orchestrator.reading.flown_campaign import flights, summary_of
 from wil_campaign.campaigns.expansion.expansion import Campaign, load_campaign
 from wil_campaign.campaigns.statistics.sequential_test import SequentialTest
-from wil_campaign.campaigns.values.acceptance import Requirement, Share, standings
+from wil_campaign.campaigns.values.acceptance import (
+    PassRequirement,
+    PassShare,
+    requirement_standings,
+)
 from wil_campaign.orchestrator.campaign.folder.repetitions import runs_due
 from wil_campaign.orchestrator.cli import main
-from wil_campaign.orchestrator.run_results.exit_codes import accepted, exit_code
+from wil_campaign.orchestrator.run_results.exit_codes import exit_code, is_campaign_accepted
 from wil_campaign.orchestrator.run_results.junit import junit_xml
 from wil_campaign.orchestrator.run_results.run_result import RunResult
 
 Capture = pytest.CaptureFixture[str]
 TEST = SequentialTest(at_least=0.9, against=0.2, most=5)
 """Two passes decide for it, two failures against it; after one of each three more are flown."""
-REQUIRED = Requirement("default", "sim", Share(5, 5), TEST)
+REQUIRED = PassRequirement("default", "sim", PassShare(5, 5), TEST)
 UNTIL = "{until: decided, at_least: 0.9, against: 0.2, most: 5}"
 
 
@@ -76,10 +80,12 @@ def test_the_decision_is_the_verdict(
     verdicts: str, decision: str, complete: bool, code: int
 ) -> None:
     runs = list(results(verdicts).values())
-    (standing,) = standings([REQUIRED], [("default", "sim", letter == "P") for letter in verdicts])
+    (standing,) = requirement_standings(
+        [REQUIRED], [("default", "sim", letter == "P") for letter in verdicts]
+    )
     assert (standing.decision, standing.is_complete) == (decision, complete)
     assert exit_code(runs, [REQUIRED]) == code
-    assert accepted(runs, [REQUIRED]) is (code == 0)
+    assert is_campaign_accepted(runs, [REQUIRED]) is (code == 0)
     junit = junit_xml(summary_of(flights("default", "sim", verdicts)), [REQUIRED])
     assert (b"NOT_FLOWN" in junit) is not complete
 

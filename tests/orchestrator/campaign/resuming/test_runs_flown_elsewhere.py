@@ -37,7 +37,7 @@ def test_the_engine_fetches_runs_that_were_flown_elsewhere(
 ) -> None:
     (tmp_path / "out").mkdir()
     farm = Engine("farm", "", "", "", "", fetch=f"{__name__}:fetch")
-    monkeypatch.setattr(runs_to_fly, "added", lambda _: {"farm": farm})
+    monkeypatch.setattr(runs_to_fly, "plugin_additions", lambda _: {"farm": farm})
     assert resume(tmp_path) == []
     RunLedger(tmp_path / "out", "first", CampaignPlace("s3://b", "hover")).write(
         "ordered", "default/sim/1", "second", place="hover/default/sim/1"
@@ -55,7 +55,7 @@ def test_a_resumption_without_the_plugin_of_its_store_is_refused(
         "ordered", "default/sim/1", "second", place="hover/default/sim/1"
     )
     why = "'ray' is of the plugin cluster, which is not installed: pip install it"
-    monkeypatch.setattr(runs_to_fly, "added", lambda _: {})
-    monkeypatch.setattr(runs_to_fly, "absent", lambda _: {"ray": why})
+    monkeypatch.setattr(runs_to_fly, "plugin_additions", lambda _: {})
+    monkeypatch.setattr(runs_to_fly, "absent_additions", lambda _: {"ray": why})
     with pytest.raises(ResumeError, match="has runs in a store: 'ray' is of the plugin cluster"):
         resume(tmp_path)

@@ -17,17 +17,22 @@ from typing import Any
 import pytest
 
 from tests.orchestrator.hover import write_hover
-from wil_campaign.campaigns.expansion.expansion import Campaign, Options, RunPlan, load_campaign
-from wil_campaign.foundation.files.document_writer import to_json, write_whole
+from wil_campaign.campaigns.expansion.expansion import (
+    Campaign,
+    ExpansionOptions,
+    RunPlan,
+    load_campaign,
+)
+from wil_campaign.foundation.files.document_writer import to_json, write_atomically
 from wil_campaign.orchestrator import installation
 from wil_campaign.orchestrator.campaign.campaign_runner import fly_campaign
-from wil_campaign.orchestrator.campaign.flight_options import Cleared, FlightOptions
+from wil_campaign.orchestrator.campaign.flight_options import ClearedCampaign, FlightOptions
 from wil_campaign.orchestrator.campaign.folder.campaign_folder import (
     OutputError,
-    held,
-    held_run,
-    newest_folder,
-    set_aside,
+    locked_campaign_folder,
+    locked_run_folder,
+    newest_campaign_folder,
+    set_run_folder_aside,
 )
 from wil_campaign.orchestrator.campaign.resuming import runs_to_fly
 from wil_campaign.orchestrator.campaign.resuming.runs_to_fly import (
@@ -42,9 +47,14 @@ from wil_campaign.orchestrator.campaign.workers import run_engine
 from wil_campaign.orchestrator.campaign.workers.run_order import fly_order
 from wil_campaign.orchestrator.cli import main
 from wil_campaign.orchestrator.cli.progress_display import SilentDisplay
-from wil_campaign.orchestrator.operator.run_messages import Inbox, Report
+from wil_campaign.orchestrator.operator.run_messages import OperatorInbox, Report
 from wil_campaign.orchestrator.run_results.attempts import after_attempts
-from wil_campaign.orchestrator.run_results.run_result import Also, Attempt, RunResult, SyncResult
+from wil_campaign.orchestrator.run_results.run_result import (
+    EarlierAttempt,
+    LaterEvent,
+    RunResult,
+    SyncResult,
+)
 from wil_campaign.orchestrator.state.run_setup import RunOrder
 from wil_campaign.safety.model.oracle_results import Verdict
 
@@ -70,7 +80,7 @@ def result_of(plan: RunPlan, verdict: Verdict = "PASS", reason: str = "") -> Run
     )
 
 
-def quick_fly(order: RunOrder, report: Report, inbox: Inbox) -> RunResult:
+def quick_fly(order: RunOrder, report: Report, inbox: OperatorInbox) -> RunResult:
     """Stand in for a flight: as its campaign's description says; lives in the worker process.
 
     A verdict is that of the first attempt alone; "die" at every attempt is a lost process.
@@ -82,7 +92,7 @@ def quick_fly(order: RunOrder, report: Report, inbox: Inbox) -> RunResult:
     first: Any = said if said and not order.attempts else "PASS"
     flown = result_of(order.plan, first, "" if first == "PASS" else "bad luck")
     result = after_attempts(flown, order.attempts)
-    write_whole(order.folder / "result.json", to_json(result))
+    write_atomically(order.folder / "result.json", to_json(result))
     return result
 
 
@@ -125,7 +135,7 @@ def resume(
 def write_result(folder: Path, plan: RunPlan, verdict: Verdict, reason: str = "") -> None:
     home = folder / plan.name
     home.mkdir(parents=True)
-    write_whole(home / "result.json", to_json(result_of(plan, verdict, reason)))
+    write_atomically(home / "result.json", to_json(result_of(plan, verdict, reason)))
 
 
 @pytest.mark.parametrize("verdict", ["PASS", "FAIL", "INVALID", "ERROR"])
@@ -205,7 +215,7 @@ def test_a_resumption_flies_a_run_again_by_verdict_and_retries(
     assert (plan.name in found.results) is kept
     if not kept:
         place = "earlier/default/sim/1-1"
-        assert found.attempts[plan.name] == (Attempt(verdict, "why", place),)
+        assert found.attempts[plan.name] == (EarlierAttempt(verdict, "why", place),)
 
 
 @pytest.mark.parametrize(
@@ -226,16 +236,16 @@ def test_a_search_repeats_runs_cut_off_after_their_verdict_but_no_real_ones(
     plan = loaded.runs[0]
     home = tmp_path / plan.name
     home.mkdir(parents=True)
-    aborted = Also("ABORTED", "aborted by the run itself: its parent process died", 3.0)
+    aborted = LaterEvent("ABORTED", "aborted by the run itself: its parent process died", 3.0)
     cut_off = replace(result_of(plan, verdict, "too high"), also=(aborted,))
-    write_whole(home / "result.json", to_json(cut_off))
+    write_atomically(home / "result.json", to_json(cut_off))
     rules = ResumeRules(is_real=lambda _: is_real, repeats_cut_off=repeats_cut_off)
     found = resume_campaign(loaded, tmp_path, rules, say=lambda _: None)
     assert (plan.name in found.results) is kept
     if not kept:
         # No verdict: by one it would have spent a retry that the flight to its end still has.
         told = f"in flight, after {verdict}: too high"
-        attempt = Attempt(None, told, "earlier/default/sim/1-1")
+        attempt = EarlierAttempt(None, told, "earlier/default/sim/1-1")
         assert found.attempts[plan.name] == (attempt,)
         again = resume_campaign(loaded, tmp_path, rules, say=lambda _: None)
         assert again.attempts[plan.name] == (attempt,)
@@ -245,10 +255,10 @@ def test_retries_are_counted_over_the_times_it_was_resumed(campaign: Path, tmp_p
     loaded = load_campaign(campaign)
     plan = loaded.runs[0]
     for count in (1, 2, 3):
-        attempts = tuple(Attempt("ERROR", "why", "there") for _ in range(count - 1))
+        attempts = tuple(EarlierAttempt("ERROR", "why", "there") for _ in range(count - 1))
         (tmp_path / plan.name).mkdir(parents=True)
         result = after_attempts(result_of(plan, "ERROR", "why"), attempts)
-        write_whole(tmp_path / plan.name / "result.json", to_json(result))
+        write_atomically(tmp_path / plan.name / "result.json", to_json(result))
         found, _ = resume(tmp_path, loaded, retries=2)
         assert (plan.name in found.results) is (count == 3)
 
@@ -260,7 +270,7 @@ def test_a_run_that_still_lands_is_waited_for(
     home = tmp_path / loaded.runs[0].name
     home.mkdir(parents=True)
     waited: list[float] = []
-    with held_run(home):
+    with locked_run_folder(home):
         monkeypatch.setattr(time, "sleep", waited.append)
         with pytest.raises(OutputError, match="is still in flight after 120 s"):
             resume(tmp_path, loaded)
@@ -276,7 +286,7 @@ def test_the_newest_folder_is_resumed(tmp_path: Path) -> None:
         (tmp_path / "hover" / name).mkdir(parents=True)
         (tmp_path / "hover" / name / "campaign.json").write_text("{}")
     (tmp_path / "hover" / "20270101T000000Z").mkdir()
-    newest = newest_folder(tmp_path / "hover")
+    newest = newest_campaign_folder(tmp_path / "hover")
     assert newest is not None
     assert newest.name == names[1]
     assert resumed_folder(newest, "hover") == newest
@@ -338,7 +348,7 @@ def test_a_campaign_that_has_changed_is_not_resumed(
     assert run(campaign, "--resume") == 0
 
 
-def fly_while_edited(order: RunOrder, report: Report, inbox: Inbox) -> RunResult:
+def fly_while_edited(order: RunOrder, report: Report, inbox: OperatorInbox) -> RunResult:
     """Stand in for a flight during which a person changes the autonomy."""
     with (order.plan.files.folder / "still.py").open("a") as autonomy:
         autonomy.write("# changed\n")
@@ -363,7 +373,7 @@ def test_no_run_flies_an_autonomy_that_was_changed_in_flight(
     assert [one["attempts"] for one in summary_of(folder)["runs"]] == [[], []]
 
 
-def fly_while_another_is_edited(order: RunOrder, report: Report, inbox: Inbox) -> RunResult:
+def fly_while_another_is_edited(order: RunOrder, report: Report, inbox: OperatorInbox) -> RunResult:
     """Stand in for a flight that is in the air while a person changes the autonomy."""
     edited = order.folder.parents[2] / "edited"
     if order.plan.repetition == 1:
@@ -387,7 +397,7 @@ def test_a_run_in_the_air_is_flown_to_its_end_when_a_file_changes(
     assert [one["verdict"] for one in runs] == ["PASS", "PASS"]
 
 
-def fly_and_write(order: RunOrder, report: Report, inbox: Inbox) -> RunResult:
+def fly_and_write(order: RunOrder, report: Report, inbox: OperatorInbox) -> RunResult:
     """Stand in for a flight in which the autonomy writes a file."""
     with (order.plan.files.folder / "flights.txt").open("a") as file:
         file.write("2")
@@ -448,7 +458,7 @@ def test_two_programs_do_not_fly_into_one_folder(
     campaign: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert run(campaign) == 0
-    with held(folder_of(campaign)):
+    with locked_campaign_folder(folder_of(campaign)):
         assert run(campaign, "--resume") == 3
     assert "is in use by another wil-campaign" in capsys.readouterr().err
 
@@ -486,8 +496,8 @@ def test_hardware_is_never_flown_again_by_itself(
 ) -> None:
     campaign.write_text(campaign.read_text() + "retries: 2\ndescription: ERROR\n")
     options = FlightOptions(out=campaign.parent / "out")
-    cleared = Cleared("virtual", 1, hardware=hardware)
-    loaded = load_campaign(campaign, Options(repetitions=1))
+    cleared = ClearedCampaign("virtual", 1, hardware=hardware)
+    loaded = load_campaign(campaign, ExpansionOptions(repetitions=1))
     outcome = fly_campaign(loaded, options, cleared, SilentDisplay())
     assert len(list(outcome.folder.rglob("result.json"))) == 1 + retried
     assert [len(one.attempts) for one in outcome.summary.runs] == [retried]
@@ -511,7 +521,7 @@ def test_attempts_are_numbered_as_they_come(tmp_path: Path) -> None:
     for number in (1, 2, 3):
         (tmp_path / "a/sim/1").mkdir(parents=True)
         (tmp_path / "a/sim/1/log.jsonl").write_text(str(number))
-        place = set_aside(tmp_path, "a/sim/1")
+        place = set_run_folder_aside(tmp_path, "a/sim/1")
         assert place == tmp_path / f"earlier/a/sim/1-{number}"
         assert (place / "log.jsonl").read_text() == str(number)
 
@@ -527,7 +537,7 @@ def test_a_finished_run_is_on_the_disk_before_its_result_is_reported(
         fsync(handle)
 
     monkeypatch.setattr(os, "fsync", noting)
-    (plan, *_) = load_campaign(campaign, Options(repetitions=1)).runs
+    (plan, *_) = load_campaign(campaign, ExpansionOptions(repetitions=1)).runs
     folder = tmp_path / "out" / plan.name
     fly_order(
         RunOrder(plan=plan, folder=folder, clock="virtual"), lambda _: None, quiet := NoCommands()
@@ -555,9 +565,9 @@ class Killing(SilentDisplay):
 
 
 def fly_until_killed(path: Path) -> None:
-    campaign = load_campaign(path, Options(repetitions=4))
+    campaign = load_campaign(path, ExpansionOptions(repetitions=4))
     options = FlightOptions(out=path.parent / "out")
-    cleared = Cleared("virtual", 1)
+    cleared = ClearedCampaign("virtual", 1)
     fly_campaign(campaign, options, cleared, Killing())
 
 

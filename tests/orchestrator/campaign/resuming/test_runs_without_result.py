@@ -11,9 +11,9 @@ import pytest
 from tests.orchestrator.campaign.resuming.test_runs_to_fly import result_of
 from tests.orchestrator.hover import write_hover
 from tests.plugins.cluster.bench.test_bench_engine import write_bench, write_campaign
-from wil_campaign.campaigns.expansion.expansion import Campaign, Options, load_campaign
+from wil_campaign.campaigns.expansion.expansion import Campaign, ExpansionOptions, load_campaign
 from wil_campaign.foundation.files.document_writer import to_json
-from wil_campaign.orchestrator.campaign.folder.campaign_folder import set_aside
+from wil_campaign.orchestrator.campaign.folder.campaign_folder import set_run_folder_aside
 from wil_campaign.orchestrator.campaign.resuming.cluster_ledger import (
     RunLedger,
     open_orders,
@@ -26,7 +26,7 @@ from wil_campaign.orchestrator.campaign.resuming.runs_to_fly import (
 from wil_campaign.orchestrator.campaign.resuming.runs_without_result import real_runs
 from wil_campaign.orchestrator.campaign.resuming.unchanged_campaign import ResumeError
 from wil_campaign.orchestrator.cli import main
-from wil_campaign.orchestrator.reading.results_folder import read_campaign
+from wil_campaign.orchestrator.reading.results_folder import read_campaign_documents
 from wil_campaign.orchestrator.run_results.result_reader import read_result
 from wil_campaign.safety.model.oracle_results import Verdict
 
@@ -82,7 +82,7 @@ def test_a_real_run_without_a_result_is_lost_and_flown_again_by_its_name_alone(
 def test_a_run_that_a_killed_resumption_had_set_aside_is_lost(
     campaign: Campaign, tmp_path: Path
 ) -> None:
-    set_aside(tmp_path, FIRST)  # and there the program was killed
+    set_run_folder_aside(tmp_path, FIRST)  # and there the program was killed
     lost = resume(tmp_path, campaign).results[FIRST]
     assert "it had been set aside for another flight" in lost.reason
     assert [attempt.folder for attempt in lost.attempts] == [f"earlier/{FIRST}-1"]
@@ -175,7 +175,7 @@ def test_a_run_that_a_sequential_test_set_aside_is_not_lost(tmp_path: Path) -> N
     for number in range(9):
         finish(tmp_path, campaign, number, "PASS")
     last = campaign.runs[-1].name
-    set_aside(tmp_path, last)
+    set_run_folder_aside(tmp_path, last)
     # Eight passes have decided: that it is missing is no loss.
     assert last not in resume(tmp_path, campaign).results
 
@@ -195,7 +195,7 @@ def test_a_run_is_real_where_a_real_vehicle_flies(tmp_path: Path) -> None:
     twin = "twin: {link: embedded, autopilot: px4}"
     text = path.read_text().replace("modes: [real]", "modes: [sim, real]")
     path.write_text(text.replace("vehicles: {}", f"vehicles: {{{twin}}}"))
-    hall = load_campaign(path, Options(benches=(bench,)))
+    hall = load_campaign(path, ExpansionOptions(benches=(bench,)))
     # On a bench whatever its vehicle is, and not where the twin flies alone.
     assert {plan.mode: real_runs(hall, "")(plan) for plan in hall.plans} == {
         "sim": False,
@@ -214,7 +214,7 @@ def test_a_reader_names_what_was_begun_and_has_no_result(
     campaign: Campaign, tmp_path: Path
 ) -> None:
     finish(tmp_path, campaign, 1, "PASS")
-    problems = read_campaign(tmp_path).run_problems
+    problems = read_campaign_documents(tmp_path).run_problems
     assert [problem.partition(": ")[0] for problem in problems] == [FIRST, FIRST]
     assert "was started and has no result" in problems[1]
 

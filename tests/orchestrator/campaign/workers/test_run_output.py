@@ -12,35 +12,35 @@ import pytest
 from wil_campaign.orchestrator.campaign.workers import run_output
 from wil_campaign.orchestrator.campaign.workers.run_output import (
     OUTPUT_FILE,
-    kept_output,
-    output_tail,
+    redirected_run_output,
+    run_output_tail,
 )
 
 
 def test_the_output_of_a_run_goes_to_its_file(
     tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    with kept_output(tmp_path):
+    with redirected_run_output(tmp_path):
         os.write(1, b"of a library\n")
         subprocess.run([sys.executable, "-c", "print('of a child')"], check=True)
     os.write(1, b"afterwards\n")
     assert (tmp_path / OUTPUT_FILE).read_text() == "of a library\nof a child\n"
-    assert output_tail(tmp_path, 1) == ["of a child"]
+    assert run_output_tail(tmp_path, 1) == ["of a child"]
     assert capfd.readouterr().out == "afterwards\n"
 
 
 def test_a_silent_run_has_no_file(tmp_path: Path) -> None:
-    with kept_output(tmp_path):
+    with redirected_run_output(tmp_path):
         pass
     assert list(tmp_path.iterdir()) == []
-    assert output_tail(tmp_path, 3) == []
+    assert run_output_tail(tmp_path, 3) == []
 
 
 def test_a_run_that_prints_without_end_fills_no_disk(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(run_output, "_MAX_BYTES", 1000)
-    with kept_output(tmp_path):
+    with redirected_run_output(tmp_path):
         for _ in range(100):
             os.write(1, b"x" * 99 + b"\n")
     assert (tmp_path / OUTPUT_FILE).stat().st_size == 1000
@@ -53,7 +53,7 @@ def test_a_full_disk_loses_the_output_and_not_the_run(
         def flush(self) -> None:
             raise OSError(errno.ENOSPC, "No space left on device")
 
-    with kept_output(tmp_path):
+    with redirected_run_output(tmp_path):
         monkeypatch.setattr(sys, "stdout", FullDisk())
     os.write(1, b"afterwards\n")
     assert capfd.readouterr().out == "afterwards\n"

@@ -71,7 +71,7 @@ _READ = """
 import sys
 from pathlib import Path
 from pydantic import BaseModel
-from wil_campaign.campaigns.expansion.expansion import Options, load_campaign
+from wil_campaign.campaigns.expansion.expansion import ExpansionOptions, load_campaign
 from wil_campaign.orchestrator.campaign.workers import run_server_imports
 
 def refuse(model, **_):
@@ -79,7 +79,7 @@ def refuse(model, **_):
 
 there = set(sys.modules)
 BaseModel.model_rebuild = classmethod(refuse)
-load_campaign(Path(sys.argv[1]), Options()).runs[0].setup()
+load_campaign(Path(sys.argv[1]), ExpansionOptions()).runs[0].setup()
 print([name for name in set(sys.modules) - there if name.startswith("wil_campaign.")])
 """
 _BROKEN = """

@@ -31,14 +31,14 @@ from wil_campaign.orchestrator.campaign.workers.run_order import (
     limited_loading,
 )
 from wil_campaign.orchestrator.campaign.workers.run_workers import OrderDone, WorkerLost
-from wil_campaign.orchestrator.campaign.workers.worker_pool import Pool
+from wil_campaign.orchestrator.campaign.workers.worker_pool import WorkerPool
 from wil_campaign.orchestrator.operator.run_messages import (
     FlightPlace,
-    Happening,
-    Inbox,
     News,
-    Progress,
+    OperatorInbox,
     Report,
+    RunEventReport,
+    RunProgressReport,
 )
 from wil_campaign.orchestrator.state.call_marker import CallMark
 from wil_campaign.safety.guard.core.operator_command import OperatorCommand
@@ -54,9 +54,9 @@ def read_mark() -> CallMark:
     return mark
 
 
-def fly(order: str, report: Report, inbox: Inbox) -> str:
+def fly(order: str, report: Report, inbox: OperatorInbox) -> str:
     """Stand in for a run; lives in the worker process."""
-    report(Progress(order, "sim", 1, "takeoff", 0.0))
+    report(RunProgressReport(order, "sim", 1, "takeoff", 0.0))
     match order:
         case "die":
             os.kill(os.getpid(), signal.SIGKILL)
@@ -74,15 +74,15 @@ def fly(order: str, report: Report, inbox: Inbox) -> str:
             return f"aborted by {command.who}"
         case "hurry":
             for count in range(1000):
-                report(Progress(order, "sim", 1, "goal", count / 2))
-            report(Happening("hurry/sim/1", 500.0, "stage", "landing", "", ""))
+                report(RunProgressReport(order, "sim", 1, "goal", count / 2))
+            report(RunEventReport("hurry/sim/1", 500.0, "stage", "landing", "", ""))
     return f"flown {order}"
 
 
 def fly_all(orders: list[str], jobs: int = 2) -> tuple[Outcomes, list[News]]:
     outcomes: Outcomes = {}
     seen: list[News] = []
-    pool = Pool[str, str](
+    pool = WorkerPool[str, str](
         jobs=jobs, workers=LocalWorkers(fly), report=seen.append, done=outcomes.__setitem__
     )
     asyncio.run(pool.fly(orders))
@@ -105,8 +105,8 @@ def test_every_order_has_an_outcome_whatever_happens_to_the_others() -> None:
 
 def test_a_run_that_is_faster_than_the_wall_tells_no_more_than_people_can_follow() -> None:
     _, seen = fly_all(["hurry"])
-    assert 1 <= sum(isinstance(news, Progress) for news in seen) < 100
-    assert [news.word for news in seen if isinstance(news, Happening)] == ["landing"]
+    assert 1 <= sum(isinstance(news, RunProgressReport) for news in seen) < 100
+    assert [news.word for news in seen if isinstance(news, RunEventReport)] == ["landing"]
 
 
 def test_prints_of_a_worker_go_to_stderr(capfd: pytest.CaptureFixture[str]) -> None:
@@ -121,7 +121,7 @@ def test_abort_reaches_the_run_in_flight_and_stops_those_that_wait() -> None:
 
     async def main() -> None:
         flying = asyncio.Event()
-        pool = Pool[str, str](
+        pool = WorkerPool[str, str](
             jobs=1,
             workers=LocalWorkers(fly),
             report=lambda _: flying.set(),
@@ -196,7 +196,7 @@ def test_a_place_that_no_order_waits_for_is_not_waited_for(orders: list[str]) ->
         outcomes[order] = outcome
         return again.pop() if again and order == "lost" else None
 
-    pool = Pool[str, str](jobs=2, workers=workers, report=lambda _: None, done=done)
+    pool = WorkerPool[str, str](jobs=2, workers=workers, report=lambda _: None, done=done)
 
     async def main() -> None:
         async with asyncio.timeout(10):
@@ -213,7 +213,7 @@ def test_an_abort_ends_orders_that_wait_for_a_place() -> None:
     workers = ScarceWorkers(0)
 
     async def main() -> None:
-        pool = Pool[str, str](
+        pool = WorkerPool[str, str](
             jobs=2, workers=workers, report=lambda _: None, done=outcomes.__setitem__
         )
         async with asyncio.timeout(10), asyncio.TaskGroup() as group:
@@ -263,7 +263,7 @@ def test_a_worker_that_raises_keeps_an_abort_from_no_other_and_is_no_secret() ->
     workers = BrokenWorkers()
 
     async def main() -> None:
-        pool = Pool[str, str](
+        pool = WorkerPool[str, str](
             jobs=2, workers=workers, report=lambda _: None, done=outcomes.__setitem__
         )
         async with asyncio.timeout(60), asyncio.TaskGroup() as group:
@@ -313,7 +313,7 @@ def test_no_order_is_begun_while_paused() -> None:
             outcomes[order] = outcome
             ended.set()
 
-        pool = Pool[str, str](jobs=1, workers=LocalWorkers(fly), report=report, done=done)
+        pool = WorkerPool[str, str](jobs=1, workers=LocalWorkers(fly), report=report, done=done)
         async with asyncio.TaskGroup() as group:
             group.create_task(pool.fly(["wait", "next"]))
             await flying.wait()
@@ -330,7 +330,7 @@ def test_no_order_is_begun_while_paused() -> None:
 
 def test_a_worker_that_says_nothing_any_more_is_killed() -> None:
     outcomes: Outcomes = {}
-    pool = Pool[str, str](
+    pool = WorkerPool[str, str](
         jobs=1,
         workers=LocalWorkers(fly),
         report=lambda _: None,
@@ -356,7 +356,7 @@ def test_the_death_of_the_parent_is_an_abort_that_says_so() -> None:
     assert inbox.poll() is None
 
 
-def fly_and_die(order: str, report: Report, inbox: Inbox) -> str:
+def fly_and_die(order: str, report: Report, inbox: OperatorInbox) -> str:
     """Stand in for a run whose process dies once its result is on the disk."""
     del report, inbox
     Path(order).write_text("PASS")
@@ -373,7 +373,7 @@ def test_a_result_that_a_lost_worker_had_completed_counts_and_its_end_is_reporte
     def completed(order: str) -> str | None:
         return Path(order).read_text() if Path(order).exists() else None
 
-    pool = Pool[str, str](
+    pool = WorkerPool[str, str](
         jobs=1,
         workers=LocalWorkers(fly_and_die, completed),
         report=lambda _: None,
@@ -427,15 +427,15 @@ def test_a_loop_that_stood_still_reads_what_its_workers_sent_meanwhile() -> None
     def report(news: News) -> None:
         asyncio.get_running_loop().call_later(0.01, stand_still)
 
-    worker.theirs.send(Progress("a/sim/1", "sim", 1, "takeoff", 0.0))
-    pool = Pool[str, str](
+    worker.theirs.send(RunProgressReport("a/sim/1", "sim", 1, "takeoff", 0.0))
+    pool = WorkerPool[str, str](
         jobs=1, workers=workers, report=report, done=outcomes.__setitem__, stall_s=0.2
     )
     asyncio.run(pool.fly(["a"]))
     assert (outcomes, worker.killed) == ({"a": "flown"}, False)
 
 
-def fly_mute(order: str, report: Report, inbox: Inbox) -> str:
+def fly_mute(order: str, report: Report, inbox: OperatorInbox) -> str:
     """Stand in for files that hang before the run has a word to say."""
     del order, report, inbox
     while True:
@@ -450,7 +450,7 @@ def test_a_worker_that_hangs_before_its_first_word_ends_on_the_first_signal(
 
     async def main() -> None:
         flying = asyncio.Event()
-        pool = Pool[str, str](
+        pool = WorkerPool[str, str](
             jobs=1,
             workers=LocalWorkers(fly_mute),
             report=lambda _: None,
@@ -534,7 +534,7 @@ def test_an_alarm_while_loading_ends_leaves_nothing_armed(
 _STATE: list[str] = []
 
 
-def fly_counting(order: str, report: Report, inbox: Inbox) -> str:
+def fly_counting(order: str, report: Report, inbox: OperatorInbox) -> str:
     """Stand in for an autonomy whose modules keep state, and that starts a daemon."""
     del report, inbox
     _STATE.append(order)
@@ -546,7 +546,7 @@ def fly_counting(order: str, report: Report, inbox: Inbox) -> str:
 def test_each_run_begins_anew_and_leaves_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     outcomes: Outcomes = {}
     monkeypatch.setenv("ASKED", "as the campaign's process has it")
-    pool = Pool[str, str](
+    pool = WorkerPool[str, str](
         jobs=1,
         workers=LocalWorkers(fly_counting),
         report=lambda _: None,
@@ -560,7 +560,7 @@ def test_each_run_begins_anew_and_leaves_nothing(monkeypatch: pytest.MonkeyPatch
         assert not Path(f"/proc/{child}").exists()
 
 
-def fly_with_thread(order: str, report: Report, inbox: Inbox) -> str:
+def fly_with_thread(order: str, report: Report, inbox: OperatorInbox) -> str:
     """Stand in for an autonomy that leaves a thread, as a ROS executor does."""
     del report, inbox
     threading.Thread(target=time.sleep, args=(600.0,), name=f"spin of {order}").start()
@@ -573,7 +573,7 @@ def test_a_thread_that_a_run_leaves_does_not_keep_its_process(
     """It was killed after 20 s, and the campaign ended with an internal error."""
     outcomes: Outcomes = {}
     ended_badly: list[str] = []
-    pool = Pool[str, str](
+    pool = WorkerPool[str, str](
         jobs=1,
         workers=LocalWorkers(fly_with_thread),
         report=lambda _: None,
@@ -585,7 +585,7 @@ def test_a_thread_that_a_run_leaves_does_not_keep_its_process(
     assert "left threads running, and ends without them: spin of one" in capfd.readouterr().err
 
 
-def fly_into_error(order: str, report: Report, inbox: Inbox) -> str:
+def fly_into_error(order: str, report: Report, inbox: OperatorInbox) -> str:
     """Stand in for a run that fails while its guard still lands; order: where that program is."""
     del report, inbox
     folder = Path(order)
@@ -611,7 +611,7 @@ def test_a_guard_that_still_lands_outlives_a_run_that_failed(tmp_path: Path) -> 
         "time.sleep(60)\n"
     )
     outcomes: Outcomes = {}
-    pool = Pool[str, str](
+    pool = WorkerPool[str, str](
         jobs=1,
         workers=LocalWorkers(fly_into_error),
         report=lambda _: None,
@@ -679,7 +679,7 @@ async def test_an_abort_of_a_node_lands_its_run_and_bars_it_for_the_rest() -> No
     outcomes: dict[str, object] = {}
     places: dict[str, str] = {}
     workers = PlacedWorkers()
-    pool = Pool[str, str](
+    pool = WorkerPool[str, str](
         jobs=2,
         workers=workers,
         report=lambda _: None,
@@ -722,7 +722,7 @@ def test_an_abort_reaches_a_worker_by_any_descriptor_and_a_closed_one_is_no_erro
     resource.setrlimit(resource.RLIMIT_NOFILE, limits)
 
 
-def fly_with_server(order: str, report: Report, inbox: Inbox) -> str:
+def fly_with_server(order: str, report: Report, inbox: OperatorInbox) -> str:
     descriptor = vehicle_server()
     return f"{order} {descriptor is not None and stat.S_ISSOCK(os.fstat(descriptor).st_mode)}"
 
@@ -732,7 +732,9 @@ async def test_runs_have_a_server_of_vehicles_which_ends_with_the_campaign(*, wa
     """It is started for runs that have such vehicles; one campaign has one."""
     outcomes: Outcomes = {}
     workers = LocalWorkers(fly_with_server, forks_vehicles=lambda _: wanted)
-    pool = Pool[str, str](jobs=1, workers=workers, report=lambda _: None, done=outcomes.__setitem__)
+    pool = WorkerPool[str, str](
+        jobs=1, workers=workers, report=lambda _: None, done=outcomes.__setitem__
+    )
     await pool.fly(["a", "b"])
     servers = [
         one

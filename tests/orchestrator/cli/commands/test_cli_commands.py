@@ -13,7 +13,7 @@ import pytest
 
 from wil_campaign.orchestrator.cli import main
 from wil_campaign.orchestrator.cli.commands.listing import What
-from wil_campaign.orchestrator.cli.text_table import table
+from wil_campaign.orchestrator.cli.text_table import table_lines
 
 ROOT = Path(__file__).parents[4]
 
@@ -378,11 +378,11 @@ def test_a_reader_that_goes_away_is_no_traceback() -> None:
 
 
 def test_tables_line_up_and_are_never_cut() -> None:
-    shown = table(("name", "n"), [("a", 1), ("x" * 200, 100)])
+    shown = table_lines(("name", "n"), [("a", 1), ("x" * 200, 100)])
     assert shown.splitlines()[0] == "name" + " " * 200 + "n"
     assert [len(line) for line in shown.splitlines()[1:]] == [205, 205, 205]
-    assert "\x1b" not in table(("name",), [("\x1b[31mred",)])
-    assert table(("name", "n"), []) == "name  n\n----  -"
+    assert "\x1b" not in table_lines(("name",), [("\x1b[31mred",)])
+    assert table_lines(("name", "n"), []) == "name  n\n----  -"
 
 
 def test_a_ground_station_cannot_follow_virtual_time(cli: Cli, tmp_path: Path) -> None:

@@ -12,9 +12,17 @@ import pytest
 from tests.orchestrator.operator.controllers import FakeFleet, make_controller, silent_place
 from wil_campaign.orchestrator.cli import main
 from wil_campaign.orchestrator.operator.campaign_controller import CampaignController
-from wil_campaign.orchestrator.operator.campaign_records import Place, Places, places
+from wil_campaign.orchestrator.operator.campaign_records import (
+    OperatorPlace,
+    OperatorPlaces,
+    operator_places,
+)
 from wil_campaign.orchestrator.operator.operator_channels import open_operator_channels
-from wil_campaign.orchestrator.operator.run_messages import FlightPlace, Happening, Progress
+from wil_campaign.orchestrator.operator.run_messages import (
+    FlightPlace,
+    RunEventReport,
+    RunProgressReport,
+)
 from wil_campaign.orchestrator.operator.socket_client import NoAnswerError
 from wil_campaign.safety.guard.core.operator_command import OperatorCommand
 from wil_campaign.safety.guard.operator.operator_socket import OperatorSocket
@@ -46,7 +54,7 @@ def fleet() -> FakeFleet:
 @pytest.fixture
 async def controller(tmp_path: Path, fleet: FakeFleet) -> AsyncIterator[CampaignController]:
     controller = make_controller(tmp_path, fleet)
-    controller.news(Progress("large", "wil", 1, "goal", 12.0))
+    controller.news(RunProgressReport("large", "wil", 1, "goal", 12.0))
     async with open_operator_channels(controller):
         yield controller
 
@@ -89,7 +97,7 @@ async def test_a_fence_is_answered_by_the_runs(
         asked = fleet.told[-1]
         assert (asked.kind, asked.who, asked.document) == ("geofence", "cli:anna", "box: {}")
         word = "ok" if ok else "refused"
-        news = Happening("large/wil/1", 9.0, "answer", word, "", "said", asked.command_id)
+        news = RunEventReport("large/wil/1", 9.0, "answer", word, "", "said", asked.command_id)
         controller.news(news)
         assert await calling == (
             code,
@@ -120,14 +128,16 @@ async def test_a_fence_that_no_run_answers_before_it_ends_is_reported(
 async def test_a_run_that_ends_before_it_answers_beside_one_that_took_the_fence_is_named(
     cli: Cli, controller: CampaignController, fleet: FakeFleet, tmp_path: Path
 ) -> None:
-    controller.news(Progress("large", "wil", 2, "goal", 3.0))
+    controller.news(RunProgressReport("large", "wil", 2, "goal", 3.0))
     path = tmp_path / "fence.yaml"
     path.write_text("box: {}")
     calling = asyncio.ensure_future(cli("fence", str(path)))
     while not fleet.told:  # noqa: ASYNC110 - another thread sets no event
         await asyncio.sleep(0.01)
     asked = fleet.told[-1]
-    controller.news(Happening("large/wil/1", 9.0, "answer", "ok", "", "taken", asked.command_id))
+    controller.news(
+        RunEventReport("large/wil/1", 9.0, "answer", "ok", "", "taken", asked.command_id)
+    )
     controller.left("large/wil/2")
     code, out, err = await calling
     assert (code, out) == (0, "large/wil/1: taken\n")
@@ -137,14 +147,16 @@ async def test_a_run_that_ends_before_it_answers_beside_one_that_took_the_fence_
 
 
 @pytest.fixture
-async def hall(tmp_path: Path, short_folder: Path) -> AsyncIterator[tuple[Place, FakeFleet]]:
+async def hall(
+    tmp_path: Path, short_folder: Path
+) -> AsyncIterator[tuple[OperatorPlace, FakeFleet]]:
     """A second campaign on the machine, whose record the tests show or not."""
     fleet, path = FakeFleet(), short_folder / "hall.sock"
     other = make_controller(tmp_path / "hall", fleet)
     (tmp_path / "hall").mkdir()
-    other.news(Progress("small", "sim", 3, "takeoff", 2.0))
+    other.news(RunProgressReport("small", "sim", 3, "takeoff", 2.0))
     async with OperatorSocket(path=path, obey=other.obey, status=other.status, refused=other.warn):
-        yield Place("hall", tmp_path / "hall", path), fleet
+        yield OperatorPlace("hall", tmp_path / "hall", path), fleet
 
 
 @pytest.mark.usefixtures("controller")
@@ -153,16 +165,16 @@ async def test_several_campaigns_are_listed_and_nothing_is_sent(
     *,
     cli: Cli,
     fleet: FakeFleet,
-    hall: tuple[Place, FakeFleet],
+    hall: tuple[OperatorPlace, FakeFleet],
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     command: str,
 ) -> None:
-    (gate,) = places().campaigns
+    (gate,) = operator_places().campaigns
     file = tmp_path / "a fence.yaml"
     file.write_text("box: {}")
     words = (command, str(file)) if command == "fence" else (command,)
-    show_places(monkeypatch, Places((gate, hall[0]), ()))
+    show_places(monkeypatch, OperatorPlaces((gate, hall[0]), ()))
     code, out, err = await cli(*words, "--who", "anna")
     verb = {"abort": "land", "fence": "change the fence of"}.get(command, command)
     typed = f"{command} '{file}'" if command == "fence" else command
@@ -187,13 +199,13 @@ async def test_several_campaigns_are_listed_and_nothing_is_sent(
 async def test_one_of_several_campaigns_is_commanded_by_its_folder_or_all(
     cli: Cli,
     fleet: FakeFleet,
-    hall: tuple[Place, FakeFleet],
+    hall: tuple[OperatorPlace, FakeFleet],
     monkeypatch: pytest.MonkeyPatch,
     tmp_path: Path,
 ) -> None:
-    (gate,) = places().campaigns
+    (gate,) = operator_places().campaigns
     gate = replace(gate, folder=tmp_path / "gate")
-    show_places(monkeypatch, Places((gate, hall[0]), ()))
+    show_places(monkeypatch, OperatorPlaces((gate, hall[0]), ()))
     assert (await cli("hold", str(hall[0].folder)))[0] == 0
     assert ([one.kind for one in hall[1].told], fleet.told) == (["hold"], [])
     # The folder around both names none of them.
@@ -206,15 +218,18 @@ async def test_one_of_several_campaigns_is_commanded_by_its_folder_or_all(
 
 @pytest.mark.usefixtures("controller")
 async def test_a_guard_of_another_campaign_whose_program_has_died_is_in_the_air(
-    cli: Cli, fleet: FakeFleet, hall: tuple[Place, FakeFleet], monkeypatch: pytest.MonkeyPatch
+    cli: Cli,
+    fleet: FakeFleet,
+    hall: tuple[OperatorPlace, FakeFleet],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    (gate,) = places().campaigns
+    (gate,) = operator_places().campaigns
     folder = Path("/r/avoid")
     orphans = tuple(
-        Place(f"fast/wil/{n}", folder / f"fast/wil/{n}", hall[0].socket, campaign=folder)
+        OperatorPlace(f"fast/wil/{n}", folder / f"fast/wil/{n}", hall[0].socket, campaign=folder)
         for n in (1, 2)
     )
-    show_places(monkeypatch, Places((gate,), orphans))
+    show_places(monkeypatch, OperatorPlaces((gate,), orphans))
     code, _, err = await cli("abort")
     assert code == 2
     assert "2 campaigns are in the air" in err
@@ -224,35 +239,38 @@ async def test_a_guard_of_another_campaign_whose_program_has_died_is_in_the_air(
     own = tuple(
         replace(orphan, folder=gate.folder / orphan.name, campaign=None) for orphan in orphans
     )
-    show_places(monkeypatch, Places((gate,), own))
+    show_places(monkeypatch, OperatorPlaces((gate,), own))
     assert (await cli("abort"))[0] == 0
-    show_places(monkeypatch, Places((), orphans))
+    show_places(monkeypatch, OperatorPlaces((), orphans))
     assert (await cli("abort"))[0] == 0
 
 
 @pytest.mark.usefixtures("controller")
 async def test_all_reaches_a_campaign_that_begins_meanwhile(
-    cli: Cli, fleet: FakeFleet, hall: tuple[Place, FakeFleet], monkeypatch: pytest.MonkeyPatch
+    cli: Cli,
+    fleet: FakeFleet,
+    hall: tuple[OperatorPlace, FakeFleet],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    (gate,) = places().campaigns
+    (gate,) = operator_places().campaigns
     for options, reached in (((), 0), (("--all",), 1)):
-        listed = [Places((gate,), ())]
+        listed = [OperatorPlaces((gate,), ())]
 
-        def later() -> Places:
-            return listed.pop() if listed else Places((gate, hall[0]), ())  # noqa: B023
+        def later() -> OperatorPlaces:
+            return listed.pop() if listed else OperatorPlaces((gate, hall[0]), ())  # noqa: B023
 
-        monkeypatch.setattr("wil_campaign.orchestrator.cli.flight_choice.places", later)
+        monkeypatch.setattr("wil_campaign.orchestrator.cli.flight_choice.operator_places", later)
         assert (await cli("abort", *options))[0] == 0
         assert len(hall[1].aborted) == reached
     assert len(fleet.aborted) == 2
 
 
 async def test_a_fence_for_all_names_the_guards_that_no_program_is_left_to_send_it_to(
-    cli: Cli, hall: tuple[Place, FakeFleet], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    cli: Cli, hall: tuple[OperatorPlace, FakeFleet], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = tmp_path / "fence.yaml"
     path.write_text("box: {}")
-    show_places(monkeypatch, Places((), (replace(hall[0], name="large/wil/1"),)))
+    show_places(monkeypatch, OperatorPlaces((), (replace(hall[0], name="large/wil/1"),)))
     code, _, err = await cli("fence", str(path), "--all")
     assert code == 3
     assert err == (
@@ -300,7 +318,7 @@ async def test_watch_shows_what_flies_until_it_is_over(
         watching = asyncio.create_task(asyncio.to_thread(main, ["watch"]))
         as_json = asyncio.create_task(asyncio.to_thread(main, ["watch", "--json"]))
         await until(lambda lines: none in lines and in_json(lines, ""))
-        controller.news(Progress("large", "wil", 1, "goal", 12.0))
+        controller.news(RunProgressReport("large", "wil", 1, "goal", 12.0))
         shown = await until(lambda lines: flies in lines and in_json(lines, "large/wil/1"))
         # The unchanged state is not shown again while further ones come as JSON.
         await until(lambda lines: len(lines) >= len(shown) + 2)
@@ -317,14 +335,14 @@ async def test_watch_shows_what_flies_until_it_is_over(
 async def test_watch_reports_records_that_it_cannot_read_any_longer(
     cli: Cli, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    readable = [places()]
+    readable = [operator_places()]
 
-    def read_once() -> Places:
+    def read_once() -> OperatorPlaces:
         if readable:
             return readable.pop()
         raise PermissionError(13, "Permission denied", "/run/user/1/wil-campaign")
 
-    monkeypatch.setattr("wil_campaign.orchestrator.cli.flight_choice.places", read_once)
+    monkeypatch.setattr("wil_campaign.orchestrator.cli.flight_choice.operator_places", read_once)
     code, _, err = await cli("watch")
     assert code == 3
     assert err == (
@@ -344,7 +362,9 @@ async def test_a_command_names_the_runs_that_acknowledge_it_and_those_that_do_no
     def acknowledging(command: OperatorCommand) -> int:
         asyncio.get_running_loop().call_soon(
             controller.news,
-            Happening("large/wil/1", 1.0, "acknowledged", "", "", "", command.command_id, "anna"),
+            RunEventReport(
+                "large/wil/1", 1.0, "acknowledged", "", "", "", command.command_id, "anna"
+            ),
         )
         return pass_on(command)
 
@@ -368,8 +388,10 @@ async def test_an_abort_of_a_node_goes_to_its_campaign_alone(
     assert "large/wil/1 on first" in err
 
 
-def show_places(monkeypatch: pytest.MonkeyPatch, flying: Places) -> None:
-    monkeypatch.setattr("wil_campaign.orchestrator.cli.flight_choice.places", lambda: flying)
+def show_places(monkeypatch: pytest.MonkeyPatch, flying: OperatorPlaces) -> None:
+    monkeypatch.setattr(
+        "wil_campaign.orchestrator.cli.flight_choice.operator_places", lambda: flying
+    )
 
 
 @pytest.mark.parametrize("command", ["abort", "hold"])
@@ -381,9 +403,9 @@ async def test_a_command_that_one_of_two_campaigns_does_not_answer_names_it(
     command: str,
 ) -> None:
     del controller
-    (gate,) = places().campaigns
+    (gate,) = operator_places().campaigns
     with silent_place("hall", short_folder / "hall", short_folder / "hall.sock") as hall:
-        show_places(monkeypatch, Places((gate, hall), ()))
+        show_places(monkeypatch, OperatorPlaces((gate, hall), ()))
         code, out, err = await cli(command, "--all")
     assert code == 3
     assert out.startswith("gate: ")
@@ -395,19 +417,19 @@ async def test_a_campaign_that_does_not_answer_is_reached_by_the_guard_of_each_o
     cli: Cli, controller: CampaignController, short_folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     del controller
-    (gate,) = places().campaigns
+    (gate,) = operator_places().campaigns
     folder = short_folder / "hall"
-    first = Place("first", folder / "first", gate.socket)
+    first = OperatorPlace("first", folder / "first", gate.socket)
     with (
         silent_place("hall", folder, short_folder / "hall.sock") as hall,
         silent_place("second", folder / "second", short_folder / "second.sock") as second,
     ):
-        show_places(monkeypatch, Places((hall,), (first,)))
+        show_places(monkeypatch, OperatorPlaces((hall,), (first,)))
         assert (await cli("abort"))[0] == 0
-        show_places(monkeypatch, Places((hall,), (first, second)))
+        show_places(monkeypatch, OperatorPlaces((hall,), (first, second)))
         assert (await cli("abort"))[0] == 3
         # A guard whose program has died counts by itself.
-        show_places(monkeypatch, Places((), (first, second)))
+        show_places(monkeypatch, OperatorPlaces((), (first, second)))
         code, _, err = await cli("abort", "--all")
     assert code == 3
     assert "second: the guard has not confirmed" in err
@@ -422,17 +444,19 @@ async def test_a_campaign_that_stops_answering_has_not_acknowledged(
     def silent(path: Path, command: str, *, who: str) -> dict[str, object]:
         raise NoAnswerError(f"{path} does not answer to {command} of {who}")
 
-    monkeypatch.setattr("wil_campaign.orchestrator.cli.commands.operate.ask", silent)
+    monkeypatch.setattr(
+        "wil_campaign.orchestrator.cli.commands.operate.ask_operator_socket", silent
+    )
     code, out, err = await cli("abort")
     assert (code, out) == (3, "gate: all vehicles land, and no further run is flown\n")
     assert err == (
         "gate: it does not answer any more: whether its runs have acknowledged the command is not "
         "known; `wil-campaign watch` shows them\n"
     )
-    (gate,) = places().campaigns
-    flights = [Places((gate,), ()), Places((), ())]
+    (gate,) = operator_places().campaigns
+    flights = [OperatorPlaces((gate,), ()), OperatorPlaces((), ())]
     monkeypatch.setattr(
-        "wil_campaign.orchestrator.cli.flight_choice.places", lambda: flights.pop(0)
+        "wil_campaign.orchestrator.cli.flight_choice.operator_places", lambda: flights.pop(0)
     )
     # It has ended meanwhile: nothing of it flies.
     assert (await cli("abort"))[0] == 0
@@ -446,19 +470,21 @@ async def test_an_abort_of_a_node_needs_only_the_campaign_that_flies_there(
     tmp_path: Path,
 ) -> None:
     # The acknowledgements are not the subject.
-    monkeypatch.setattr("wil_campaign.orchestrator.cli.commands.operate.ask", lambda *_, **__: {})
+    monkeypatch.setattr(
+        "wil_campaign.orchestrator.cli.commands.operate.ask_operator_socket", lambda *_, **__: {}
+    )
     controller.begun("large/wil/1", FlightPlace("first"))
-    (gate,) = places().campaigns
+    (gate,) = operator_places().campaigns
     other = make_controller(tmp_path / "other", FakeFleet())
     path = short_folder / "other.sock"
     async with OperatorSocket(path=path, obey=other.obey, status=other.status, refused=other.warn):
-        beside = Place("other", tmp_path / "other", path)
-        show_places(monkeypatch, Places((gate, beside), ()))
+        beside = OperatorPlace("other", tmp_path / "other", path)
+        show_places(monkeypatch, OperatorPlaces((gate, beside), ()))
         code, out, err = await cli("abort", "--node", "first", "--all")
         assert (code, "no run flies on node first" in err) == (0, True)
         assert out.startswith("gate: 1 run on node first will land")
         with silent_place("hall", short_folder / "hall", short_folder / "hall.sock") as hall:
-            show_places(monkeypatch, Places((gate, hall), ()))
+            show_places(monkeypatch, OperatorPlaces((gate, hall), ()))
             code, _, err = await cli("abort", "--node", "first")
             assert (code, "wil-campaign abort --all --node first\n" in err) == (2, True)
             code, _, err = await cli("abort", "--node", "first", "--all")

@@ -19,7 +19,7 @@ import pytest
 from tests.orchestrator.hover import STILL, WORLD, write_hover
 from wil_campaign.campaigns.expansion.expansion import load_campaign
 from wil_campaign.orchestrator.campaign.folder import campaign_folder
-from wil_campaign.orchestrator.campaign.folder.manifest import manifest
+from wil_campaign.orchestrator.campaign.folder.manifest import campaign_manifest
 from wil_campaign.orchestrator.cli import main
 
 ROOT = Path(__file__).parents[4]
@@ -252,7 +252,7 @@ def test_a_disk_that_fills_up_ends_the_campaign_with_a_sentence(
             raise OSError(28, "No space left on device")
         write(path, content)
 
-    monkeypatch.setattr(campaign_folder, "write_whole", until_full)
+    monkeypatch.setattr(campaign_folder, "write_atomically", until_full)
     assert main(command(campaign)[3:]) == 3
     said = capsys.readouterr().err
     assert said.endswith("summary.json cannot be written: No space left on device\n")
@@ -283,10 +283,10 @@ def test_the_manifest_has_the_digest_of_every_file_that_is_named(campaign: Path)
     (folder / "crate.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 1\nv 1 1 0\nf 1 2 3\nf 2 3 4\n")
     crate = "  crate: {shape: {mesh: {file: crate.obj}}, pose: {north_m: 5}}\n"
     (folder / "world.yaml").write_text(f"{WORLD}objects:\n{crate}")
-    before = manifest(load_campaign(campaign), "virtual")["files"]
+    before = campaign_manifest(load_campaign(campaign), "virtual")["files"]
     assert isinstance(before, dict)
     assert set(before) == {"hover.yaml", "world.yaml", "still.py", "crate.obj"}
     (folder / "still.py").write_text(STILL + "\n")
-    after = manifest(load_campaign(campaign), "virtual")["files"]
+    after = campaign_manifest(load_campaign(campaign), "virtual")["files"]
     assert isinstance(after, dict)
     assert {name for name in before if before[name] != after[name]} == {"still.py"}

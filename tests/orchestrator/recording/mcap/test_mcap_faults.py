@@ -32,7 +32,7 @@ from wil_campaign.foundation import background_file
 from wil_campaign.foundation.clocks.virtual_loop import run_virtual
 from wil_campaign.orchestrator.recording.errors import RecordingError
 from wil_campaign.orchestrator.recording.mcap import mcap_file, mcap_writer
-from wil_campaign.orchestrator.recording.mcap.mcap_encode import Encoder
+from wil_campaign.orchestrator.recording.mcap.mcap_encode import McapEncoder
 from wil_campaign.orchestrator.recording.mcap.mcap_settings import LOSSLESS
 from wil_campaign.orchestrator.recording.mcap.mcap_writer import RecordingReport
 from wil_campaign.orchestrator.recording.timestamps import VIRTUAL_EPOCH_S
@@ -183,13 +183,13 @@ class _Held:
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.go = threading.Event()
-        original = Encoder.encode
+        original = McapEncoder.encode
 
         def held(encoder: Any, sensor: str, reading: Reading) -> Any:
             self.go.wait(10.0)
             return original(encoder, sensor, reading)
 
-        monkeypatch.setattr(Encoder, "encode", held)
+        monkeypatch.setattr(McapEncoder, "encode", held)
 
 
 def test_a_wall_clock_drops_what_is_new_and_counts_it(
@@ -262,7 +262,7 @@ def test_the_end_of_a_recording_does_not_wait_for_ever_for_a_disk_that_takes_not
 ) -> None:
     monkeypatch.setattr(background_file, "_MOST_POLLS", 2)
     monkeypatch.setattr(background_file, "_LEAST_POLLS", 2)
-    monkeypatch.setattr(mcap_writer, "patience", background_file.Patience())
+    monkeypatch.setattr(mcap_writer, "patience", background_file.DiskPatience())
     released = threading.Event()
 
     class Stalled(FileIO):

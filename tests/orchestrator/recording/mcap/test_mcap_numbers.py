@@ -7,10 +7,10 @@ import pytest
 
 from tests.vehicles.readings.thermometer import ThermometerReading
 from wil_campaign.orchestrator.recording.mcap import mcap_decode
-from wil_campaign.orchestrator.recording.mcap.mcap_bodies import body_of
-from wil_campaign.orchestrator.recording.mcap.mcap_decode import decode
+from wil_campaign.orchestrator.recording.mcap.mcap_bodies import reading_body
+from wil_campaign.orchestrator.recording.mcap.mcap_decode import decode_reading_message
 from wil_campaign.orchestrator.recording.mcap.mcap_schemas import _numbers
-from wil_campaign.vehicles.readings.messages import encode
+from wil_campaign.vehicles.readings.messages import encode_message
 from wil_campaign.vehicles.sensors.sensor_spec import SensorSpec
 
 
@@ -18,11 +18,11 @@ def test_numbers_come_back_to_the_bit(monkeypatch: pytest.MonkeyPatch) -> None:
     spec = SensorSpec("thermometer", ThermometerReading)
     monkeypatch.setattr(mcap_decode, "sensor_specs", lambda: {"thermometer": spec})
     reading: Any = ThermometerReading(1.25, 1.5, 7, "twin", 0.1 + 0.2, 4, "cabin")
-    schema, fields, data = body_of(reading)
+    schema, fields, data = reading_body(reading)
     stamps = {"t_s": 1.25, "arrived_s": 1.5, "seq": 7, "source": "twin", "sensor": "cabin"}
-    text = encode({**fields, "wil": {"type": "thermometer", **stamps}})
+    text = encode_message({**fields, "wil": {"type": "thermometer", **stamps}})
     assert (schema, data) == ("wil.ThermometerReading", None)
-    again: Any = decode(json.loads(text), {})
+    again: Any = decode_reading_message(json.loads(text), {})
     assert again == reading
     assert isinstance(again.samples, int)
 
@@ -34,4 +34,4 @@ def test_the_schema_names_each_number() -> None:
 
 def test_an_unknown_type_is_a_value_error() -> None:
     with pytest.raises(ValueError, match="no sensor type barometer"):
-        decode({"wil": {"type": "barometer"}}, {})
+        decode_reading_message({"wil": {"type": "barometer"}}, {})

@@ -24,7 +24,7 @@ from tests.orchestrator.mcap_runs import (
     recorder,
 )
 from wil_campaign.orchestrator.recording.mcap.mcap_bodies import calibration_body
-from wil_campaign.orchestrator.recording.mcap.mcap_encode import Encoder
+from wil_campaign.orchestrator.recording.mcap.mcap_encode import McapEncoder
 from wil_campaign.orchestrator.recording.mcap.mcap_settings import (
     LOSSLESS,
     ImageSettings,
@@ -51,7 +51,7 @@ from wil_campaign.vehicles.readings import (
     Source,
     sensor_type_of,
 )
-from wil_campaign.vehicles.readings.messages import encode, number, pose_in
+from wil_campaign.vehicles.readings.messages import encode_message, number_from_json, pose_from_json
 from wil_campaign.worlds.camera import CameraMount
 from wil_campaign.worlds.frames import Pose, Vec3
 
@@ -148,7 +148,7 @@ def test_images_in_each_form(
 
 
 def test_only_the_vehicles_own_poses_place_them() -> None:
-    encoder = Encoder(epoch_s=0.0, settings=RecordingSettings())
+    encoder = McapEncoder(epoch_s=0.0, settings=RecordingSettings())
     pose = PoseReading(0.1, 0.2, "real", Pose.of(1.0, 2.0, 3.0))
     topics = {
         source: [one.channel.topic for one in encoder.encode("pose", replace(pose, source=source))]
@@ -165,7 +165,7 @@ def test_only_the_vehicles_own_poses_place_them() -> None:
 @pytest.mark.parametrize("stabilized", [False, True])
 def test_an_image_is_drawn_where_its_camera_looks(source: Source, *, stabilized: bool) -> None:
     mount = CameraMount(Pose.of(0.1, 0.02, 0.05, yaw_rad=0.3, pitch_rad=-0.4), stabilized)
-    encoder = Encoder(epoch_s=0.0, settings=LOSSLESS, mounts={"real/camera": mount})
+    encoder = McapEncoder(epoch_s=0.0, settings=LOSSLESS, mounts={"real/camera": mount})
     body = Pose.of(5.0, -2.0, 3.0, roll_rad=0.2, pitch_rad=0.1, yaw_rad=1.0)
     pose = encoder.encode("pose", PoseReading(0.1, 0.2, "real", body))
     images = encoder.encode("camera", replace(camera(0, source), sensor="camera"))
@@ -182,7 +182,7 @@ def test_an_image_is_drawn_where_its_camera_looks(source: Source, *, stabilized:
         if frame == "ned":
             return point_ned_m
         one = transforms[frame]
-        placed = pose_in({"position": one["translation"], "orientation": one["rotation"]})
+        placed = pose_from_json({"position": one["translation"], "orientation": one["rotation"]})
         return placed.to_local(seen_from(one["parent_frame_id"], point_ned_m))
 
     looking = mount.camera_pose(body)
@@ -268,11 +268,11 @@ def test_json_is_json_and_exact_but_for_not_a_number(value: Any, data: bytes | N
     def refuse(constant: str) -> float:
         raise AssertionError(f"{constant} is no JSON")
 
-    back = json.loads(encode({"value": value}, data), parse_constant=refuse)
+    back = json.loads(encode_message({"value": value}, data), parse_constant=refuse)
     assert ("data" in back) == (data is not None)
     assert repr(back["value"]) == repr(value).replace("nan", "None") or "nan" in repr(value).lower()
     if isinstance(value, float):
-        assert repr(number(back["value"])) == repr(value)
+        assert repr(number_from_json(back["value"])) == repr(value)
 
 
 class TestForOthers:

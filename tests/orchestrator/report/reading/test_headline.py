@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 
 from tests.orchestrator.report.recorded_campaign import passed, touched
-from wil_campaign.orchestrator.report.reading.cause import NearestPass, success_of
+from wil_campaign.orchestrator.report.reading.cause import NearestPass, run_success_of
 from wil_campaign.orchestrator.report.reading.distances import TimedPose
 from wil_campaign.orchestrator.report.reading.headline import headline_of
 from wil_campaign.safety.model.oracle_results import OracleResult
@@ -111,7 +111,7 @@ def test_other_verdicts_have_their_reason() -> None:
 
 
 def test_a_pass_says_what_was_tightest() -> None:
-    success = success_of(passed(), goal_s=2.0)
+    success = run_success_of(passed(), goal_s=2.0)
     assert success is not None
     assert success.sentence == (
         "The required check held. The tightest was collision, with 0.30 m to spare, at +2.00 s, "
@@ -119,9 +119,9 @@ def test_a_pass_says_what_was_tightest() -> None:
     )
     (margin,) = success.margins
     assert (margin.name, margin.measured, margin.limit) == ("collision", "0.30 m", "at least 0 m")
-    assert success_of(touched(), goal_s=2.0) is None
+    assert run_success_of(touched(), goal_s=2.0) is None
     landed = OracleResult("landed", "real", True, "PASS", None, None, "", None, None)
-    both = success_of(replace(passed(), oracles=(landed, *passed().oracles)), goal_s=2.0)
+    both = run_success_of(replace(passed(), oracles=(landed, *passed().oracles)), goal_s=2.0)
     assert both is not None
     assert both.sentence.startswith("All 2 required checks held.")
     assert [each.name for each in both.margins] == ["collision", "landed"], "as many as it says"

@@ -5,13 +5,13 @@ import re
 
 import pytest
 
-from wil_campaign.orchestrator.report.model import Curve, Plot, PlotLimit, RunReport
+from wil_campaign.orchestrator.report.model import Plot, PlotCurve, PlotLimit, RunReport
 from wil_campaign.orchestrator.report.reading.curves import curve_of, longest_step_s
 from wil_campaign.orchestrator.report.reading.signal_plots import mixture_plots
 from wil_campaign.orchestrator.report.rendering.plot_svg import plot_svg
 
 
-def spans(curve: Curve) -> list[tuple[float, float]]:
+def spans(curve: PlotCurve) -> list[tuple[float, float]]:
     return [(stretch[0][0], stretch[-1][0]) for stretch in curve.stretches]
 
 
@@ -54,7 +54,7 @@ def test_a_single_value_between_gaps_can_be_seen() -> None:
 
 
 def test_the_shading_beyond_a_limit_stops_at_a_gap() -> None:
-    curve = Curve("real", (((1.0, 2.0), (2.0, 2.0)), ((7.0, 2.0), (8.0, 2.0))))
+    curve = PlotCurve("real", (((1.0, 2.0), (2.0, 2.0)), ((7.0, 2.0), (8.0, 2.0))))
     plot = Plot("height", "m", (curve,), (PlotLimit(1.0, is_upper=True),), judged="real")
     run = RunReport(name="a/wil/1", case="a", mode="wil", rep="1", result=None, span_s=(0.0, 10.0))
     areas = re.findall(r'<polygon points="([^"]*)"', plot_svg(plot, run))

@@ -4,7 +4,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from tests.orchestrator.report.recorded_campaign import touched
-from wil_campaign.orchestrator.report.reading.cause import cause_of
+from wil_campaign.orchestrator.report.reading.cause import verdict_cause_of
 from wil_campaign.orchestrator.report.reading.event_log import MOST_EVENTS, read_event_log
 from wil_campaign.orchestrator.state.run_log import RunLog
 from wil_campaign.safety.model.oracle_results import OracleResult
@@ -26,7 +26,7 @@ def test_a_vehicle_that_says_much_hides_no_event_that_decided(tmp_path: Path) ->
     found = read_event_log(path)
     assert [event.kind for event in found.events[MOST_EVENTS:]] == ["flag", "decisive", "stage"]
     assert found.left_out == 51
-    cause = cause_of(LINK_LOST, found.events, goal_s=50.0, passed=None)
+    cause = verdict_cause_of(LINK_LOST, found.events, goal_s=50.0, passed=None)
     assert cause is not None
     assert cause.at_s == 51.0
     assert dict(cause.facts)["when"] == "1.00 s after the goal was given"
@@ -44,7 +44,7 @@ def test_flags_without_end_are_limited_and_hide_no_decisive_event(tmp_path: Path
 
 
 def test_the_time_of_an_event_that_is_not_in_the_log_is_not_known() -> None:
-    cause = cause_of(LINK_LOST, (), goal_s=2.0, passed=None)
+    cause = verdict_cause_of(LINK_LOST, (), goal_s=2.0, passed=None)
     assert cause is not None
     assert dict(cause.facts)["when"] == "not known"
 
@@ -58,7 +58,7 @@ def test_a_limit_is_crossed_at_the_flag_of_its_own_oracle(tmp_path: Path) -> Non
         log.write(8.0, "flag", oracle="speed", vehicle="real", text="real: 4 m/s")
     speed = OracleResult("speed", "real", True, "FAIL", 5.0, (None, 3.5), "m/s", -1.5, 9.0, "")
     result = replace(touched(), oracles=(speed,), decided_by="speed/real")
-    cause = cause_of(result, read_event_log(path).events, goal_s=2.0, passed=None)
+    cause = verdict_cause_of(result, read_event_log(path).events, goal_s=2.0, passed=None)
     assert cause is not None
     facts = dict(cause.facts)
     assert facts["crossed"] == "6.00 s after the goal was given"

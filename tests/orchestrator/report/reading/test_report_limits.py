@@ -7,16 +7,16 @@ from typing import Any
 import pytest
 
 from tests.orchestrator.report.recorded_campaign import WORLD
-from wil_campaign.foundation.files.documents import parse
+from wil_campaign.foundation.files.documents import parse_document
 from wil_campaign.orchestrator.reading.judged_motion import JudgedMotion
-from wil_campaign.orchestrator.report.model import CameraView, Cause, Frame
+from wil_campaign.orchestrator.report.model import CameraView, PageImage, VerdictCause
 from wil_campaign.orchestrator.report.reading.closeup import JudgedFlight, closeup_of
 from wil_campaign.orchestrator.report.reading.distances import contact_until_s
 from wil_campaign.orchestrator.report.reading.held_limits import held_limits
 from wil_campaign.orchestrator.report.reading.object_marks import (
     SeenWorld,
     marks_of,
-    named_objects,
+    objects_named_in_texts,
     touched_part,
 )
 from wil_campaign.safety.fence.geofence import Fence
@@ -31,7 +31,7 @@ STAGES = {"takeoff": 1.0, "at_height": 3.0, "goal": 5.0, "land": 15.0, "landed":
 
 
 def scene() -> Scene:
-    document = parse(str(WORLD).replace("'", '"').encode(), name="world")
+    document = parse_document(str(WORLD).replace("'", '"').encode(), name="world")
     return World.parse(document).scene("wil", "Wv")
 
 
@@ -87,7 +87,7 @@ def failed(actual: float, margin: float, detail: str, name: str = "waits") -> Or
 def test_the_violated_value_is_shown_over_the_interval_of_its_limit() -> None:
     limits = held_limits({"waits": {"stl": "always[0,2.5] (up_m <= 1.3)"}}, STAGES, 21.0, "real")
     oracle = failed(1.75, -0.45, "up_m <= 1.3 is violated: 1.750 m against 1.3 m")
-    found = closeup_of(Cause("waits", "", (), 6.6), oracle, limits, climbing())
+    found = closeup_of(VerdictCause("waits", "", (), 6.6), oracle, limits, climbing())
     assert found is not None
     (limit,) = found.plot.limits
     assert (limit.value, limit.is_upper, limit.span_s) == (1.3, True, (5.0, 7.5))
@@ -99,7 +99,7 @@ def test_the_violated_value_is_shown_over_the_interval_of_its_limit() -> None:
 
 def test_a_closeup_that_differs_from_the_judged_value_is_not_shown() -> None:
     limits = held_limits({"waits": {"stl": "always[0,2.5] (up_m <= 1.3)"}}, STAGES, 21.0, "real")
-    cause = Cause("waits", "", (), 6.6)
+    cause = VerdictCause("waits", "", (), 6.6)
     detail = "up_m <= 1.3 is violated"
     assert closeup_of(cause, failed(2.4, -1.1, detail), limits, climbing()) is None
     assert closeup_of(cause, failed(1.75, -0.45, "other <= 1"), limits, climbing()) is None
@@ -112,7 +112,7 @@ def test_a_closeup_that_differs_from_the_judged_value_is_not_shown() -> None:
 def test_the_margin_to_the_fence_is_a_lower_limit() -> None:
     limits = held_limits({"geofence": {}}, STAGES, 21.0, "real")
     oracle = failed(-0.2, -0.2, "", "geofence")
-    found = closeup_of(Cause("geofence", "", (), 7.7), oracle, limits, climbing())
+    found = closeup_of(VerdictCause("geofence", "", (), 7.7), oracle, limits, climbing())
     assert found is not None
     assert found.worst == pytest.approx((8.0, -0.2))
     assert found.plot.title == "margin to the fence"
@@ -125,15 +125,15 @@ def test_the_margin_is_to_the_fence_that_was_in_force_then() -> None:
     wide = Fence.box(north_m=(-1.0, 1.0), east_m=(-1.0, 1.0), up_m=(-1.0, 5.0))
     flight = replace(flight, fences={"real": [*flight.fences["real"], (9.0, wide)]})
     found = closeup_of(
-        Cause("geofence", "", (), 7.7), failed(-0.2, -0.2, "", "geofence"), limits, flight
+        VerdictCause("geofence", "", (), 7.7), failed(-0.2, -0.2, "", "geofence"), limits, flight
     )
     assert found is not None
     assert found.worst == pytest.approx((8.0, -0.2))
 
 
-def seen(vehicle: str = "real", source: str = "mixed") -> Frame:
+def seen(vehicle: str = "real", source: str = "mixed") -> PageImage:
     view = CameraView(vehicle, Intrinsics(640, 480, 400.0, 400.0, 319.5, 239.5))
-    return Frame(source, 1.0, 1.05, 320, 240, "", view)
+    return PageImage(source, 1.0, 1.05, 320, 240, "", view)
 
 
 def world(north_m: float, recipe: str = "", **sensor: Any) -> SeenWorld:
@@ -178,7 +178,7 @@ def test_a_turned_camera_sees_elsewhere_and_one_that_is_not_known_nowhere() -> N
     assert mark.box_px is None
     assert marks_of(seen(), "camera", world(0.0, calibration="a.yaml"), of_interest=["gate"]) == ()
     assert marks_of(seen(), "camera", world(0.0, mount={"odd": 1}), of_interest=["gate"]) == ()
-    late = Frame("mixed", 9.0, 9.1, 320, 240, "", seen().view)
+    late = PageImage("mixed", 9.0, 9.1, 320, 240, "", seen().view)
     assert marks_of(late, "camera", world(0.0), of_interest=["gate"]) == ()
 
 
@@ -193,8 +193,8 @@ def test_a_virtual_object_is_marked_only_where_the_recipe_registered_it() -> Non
 
 
 def test_things_are_named_as_words_and_as_things_of_parts() -> None:
-    assert named_objects(scene(), ["closest to gate.left", ""]) == ["gate"]
-    assert named_objects(scene(), ["gateway, agate"]) == []
+    assert objects_named_in_texts(scene(), ["closest to gate.left", ""]) == ["gate"]
+    assert objects_named_in_texts(scene(), ["gateway, agate"]) == []
     assert touched_part("closest to gate.left") == ""
 
 

@@ -8,9 +8,9 @@ import pytest
 
 from tests.orchestrator.report.recorded_campaign import WORLD, write_campaign
 from tests.safety.oracles.oracle_rigs import build
-from wil_campaign.foundation.files.documents import Data, parse
+from wil_campaign.foundation.files.documents import Data, parse_document
 from wil_campaign.orchestrator.reading.judged_motion import JudgedMotion
-from wil_campaign.orchestrator.reading.results_folder import read_campaign
+from wil_campaign.orchestrator.reading.results_folder import read_campaign_documents
 from wil_campaign.orchestrator.recording.judge_log_file import JudgeLogWriter
 from wil_campaign.orchestrator.report.model import Plot, RunReport
 from wil_campaign.orchestrator.report.reading.closeup import JudgedFlight
@@ -28,7 +28,7 @@ from wil_campaign.worlds.clearance.clearance import ClearanceProbe
 from wil_campaign.worlds.frames import Pose
 from wil_campaign.worlds.scene.parts import BoxShape
 from wil_campaign.worlds.scene.scene import Scene, SceneObject
-from wil_campaign.worlds.scene.shapes import box
+from wil_campaign.worlds.scene.shapes import box_shape
 from wil_campaign.worlds.world_file.world import World
 
 STAGES = {"takeoff": 0.0, "at_height": 1.0, "goal": 1.0, "land": 9.0, "landed": 10.0}
@@ -85,7 +85,7 @@ def test_a_fence_that_was_changed_in_flight_counts_from_then_on() -> None:
     assert "in force at each time" in plot.note
 
 
-WALL = Scene((SceneObject(1, "wall", box((0.2, 6.0, 3.0)), Pose.of(5.0, 0.0, 1.5)),))
+WALL = Scene((SceneObject(1, "wall", box_shape((0.2, 6.0, 3.0)), Pose.of(5.0, 0.0, 1.5)),))
 
 
 def clearance_judged(poses: Sequence[TimedPose], scene: Scene, body: BoxShape) -> float:
@@ -138,7 +138,9 @@ def long_flight(tmp_path_factory: pytest.TempPathFactory) -> RunReport:
             judged.write(PoseSample(t_s, "real", circling(t_s, 1.2), (0.0, 0.0, 0.0)))
             lower = circling(t_s % 4.0, 0.7)
             judged.write(PoseSample(t_s, "twin", lower, (0.0, 0.0, 0.0)))
-    entry = next(one for one in read_campaign(folder).entries if one.name == "large/wil/1")
+    entry = next(
+        one for one in read_campaign_documents(folder).entries if one.name == "large/wil/1"
+    )
     return read_run(folder, entry, ImageSize.for_runs(1))
 
 
@@ -159,7 +161,7 @@ def test_a_long_flight_shows_what_lasted_a_fifth_of_a_second(long_flight: RunRep
 
 def test_a_long_flight_shows_the_clearance_that_was_judged(long_flight: RunReport) -> None:
     poses = [(k / 50, circling(k / 50, 1.2)) for k in range(25, 6000)]
-    document = parse(json.dumps(WORLD).encode(), name="world")
+    document = parse_document(json.dumps(WORLD).encode(), name="world")
     judged_m = clearance_judged(poses, World.parse(document).scene("wil", "Wv"), BODY)
     assert min(values_of(long_flight, "clearance", "real")) == pytest.approx(judged_m, abs=0.003)
 

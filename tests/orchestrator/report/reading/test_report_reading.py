@@ -18,17 +18,27 @@ from tests.orchestrator.report.recorded_campaign import (
 )
 from wil_campaign.orchestrator.reading.errors import ResultsFolderError
 from wil_campaign.orchestrator.reading.model import CampaignDocuments
-from wil_campaign.orchestrator.reading.results_folder import read_campaign
+from wil_campaign.orchestrator.reading.results_folder import read_campaign_documents
 from wil_campaign.orchestrator.recording.judge_log_file import JudgeLogWriter
 from wil_campaign.orchestrator.report.campaign_report import write_report
-from wil_campaign.orchestrator.report.model import Frame, LogEvent, RunReport
-from wil_campaign.orchestrator.report.reading.cause import Contact, NearestPass, cause_of, notes_of
-from wil_campaign.orchestrator.report.reading.outlines import ring_of
+from wil_campaign.orchestrator.report.model import LogEvent, PageImage, RunReport
+from wil_campaign.orchestrator.report.reading.cause import (
+    ContactFacts,
+    NearestPass,
+    verdict_cause_of,
+    verdict_notes_of,
+)
+from wil_campaign.orchestrator.report.reading.outlines import ring_of_outline
 from wil_campaign.orchestrator.report.reading.run_reader import read_run
 from wil_campaign.orchestrator.report.reading.sight_decoding import ImageSize
 from wil_campaign.orchestrator.report.rendering.page import render_run
 from wil_campaign.orchestrator.run_results.result_parts import DropOut, TwinResult
-from wil_campaign.orchestrator.run_results.run_result import Also, RunResult, SyncResult, with_note
+from wil_campaign.orchestrator.run_results.run_result import (
+    LaterEvent,
+    RunResult,
+    SyncResult,
+    with_note,
+)
 from wil_campaign.safety.evaluation.judge_log import read_judge_log
 from wil_campaign.safety.fence.fence_values import plain_fence
 from wil_campaign.safety.fence.geofence import Fence
@@ -50,7 +60,7 @@ def copied(recorded: Path, tmp_path: Path) -> Path:
 
 
 def run_of(folder: Path, name: str = FAILED) -> RunReport:
-    campaign = read_campaign(folder)
+    campaign = read_campaign_documents(folder)
     return read_run(folder, next(entry for entry in campaign.entries if entry.name == name), SIZE)
 
 
@@ -60,7 +70,7 @@ def plot_of(run: RunReport, title: str) -> dict[str, dict[float, float]]:
 
 
 def test_the_campaign_has_its_runs_in_the_order_of_its_manifest(recorded: Path) -> None:
-    campaign = read_campaign(recorded)
+    campaign = read_campaign_documents(recorded)
     assert [entry.name for entry in campaign.entries] == ["large/sim/1", FAILED]
     assert campaign.entries[1].result == touched()
     assert campaign.summary is not None
@@ -84,7 +94,7 @@ def test_the_image_and_the_command_shown_are_those_of_the_moment(recorded: Path)
     run = run_of(recorded)
     assert run.sight is not None
     seen = run.sight.perceived
-    assert isinstance(seen, Frame)
+    assert isinstance(seen, PageImage)
     # Delivered 0.05 s after its exposure: the last by 4.0 s was exposed at 3.9 s.
     assert (seen.source, seen.t_s) == ("mixed", 3.9)
     assert seen.delivered_s == pytest.approx(3.95)
@@ -147,7 +157,7 @@ def test_an_opening_is_drawn_open_from_above_and_from_the_side(recorded: Path) -
 def test_colours_of_depths_have_their_scale(recorded: Path) -> None:
     run = run_of(recorded)
     assert run.sight is not None
-    assert isinstance(run.sight.perceived, Frame)
+    assert isinstance(run.sight.perceived, PageImage)
     words = "3 m or farther, or no echo"
     assert words not in render_run(run, anchor="run").html
     deep = replace(run.sight, perceived=replace(run.sight.perceived, far_m=3.0))
@@ -156,7 +166,7 @@ def test_colours_of_depths_have_their_scale(recorded: Path) -> None:
 
 def test_a_hole_is_joined_to_its_outline_by_the_shortest_line() -> None:
     square = shapely.box(0.0, 0.0, 4.0, 4.0)
-    drawn = ring_of(square.difference(shapely.box(2.5, 1.0, 3.5, 2.0)))
+    drawn = ring_of_outline(square.difference(shapely.box(2.5, 1.0, 3.5, 2.0)))
     filled = shapely.make_valid(shapely.Polygon(drawn))
     assert shapely.area(filled) == pytest.approx(15.0)
     assert not filled.contains(shapely.Point(3.0, 1.5))
@@ -227,7 +237,7 @@ def test_a_result_that_cannot_be_read_is_taken_from_the_summary(
     without = run_of(copied)
     assert without.result is None
     assert without.tracks
-    campaign = read_campaign(copied)
+    campaign = read_campaign_documents(copied)
     assert campaign.summary is None
     assert any("summary.json" in problem for problem in campaign.problems)
 
@@ -244,7 +254,7 @@ def test_a_folder_that_was_cut_off_is_shown_as_far_as_it_goes(copied: Path) -> N
 @pytest.mark.parametrize("manifest", [{"runs": [{"run": "../../etc/1"}, {"run": 5}, 7]}, {}, []])
 def test_a_manifest_leads_nowhere_else(copied: Path, manifest: object) -> None:
     (copied / "campaign.json").write_text(json.dumps(manifest))
-    names = {entry.name for entry in read_campaign(copied).entries}
+    names = {entry.name for entry in read_campaign_documents(copied).entries}
     assert names == {"large/sim/1", FAILED}
 
 
@@ -257,12 +267,12 @@ def test_a_folder_of_no_campaign_is_refused_in_words(recorded: Path, tmp_path: P
         (recorded.parent, "did you mean"),
     ):
         with pytest.raises(ResultsFolderError, match=says):
-            read_campaign(folder)
+            read_campaign_documents(folder)
 
 
 def test_a_campaign_without_runs_says_so(tmp_path: Path) -> None:
     (tmp_path / "campaign.json").write_text('{"campaign": "empty"}')
-    campaign: CampaignDocuments = read_campaign(tmp_path)
+    campaign: CampaignDocuments = read_campaign_documents(tmp_path)
     assert campaign.name == "empty"
     assert "no run was started in this folder" in campaign.problems
 
@@ -278,7 +288,7 @@ def test_a_run_that_the_guard_ended_says_when_though_its_reason_has_a_note(recor
         decided_by="guard.fence/real",
     )
     events = [LogEvent(20.0, "decisive", "", f"kind FAIL · {breach} · source guard.fence/real")]
-    cause = cause_of(guarded, events, goal_s=15.0, passed=NearestPass(18.0, 0.7))
+    cause = verdict_cause_of(guarded, events, goal_s=15.0, passed=NearestPass(18.0, 0.7))
     assert cause is not None
     assert cause.at_s == 20.0
     assert ("last note", "through") in cause.facts
@@ -306,7 +316,7 @@ def failed(oracle: OracleResult) -> RunResult:
 
 def test_a_cause_names_the_rule_in_words_and_what_a_limit_of_contact_means() -> None:
     touch = OracleResult("collision", "real", True, "FAIL", 0.0, 0.0, "m", 0.0, 8.0, "touched gate")
-    cause = cause_of(failed(touch), (), goal_s=0.0, passed=NearestPass(7.0, 0.4))
+    cause = verdict_cause_of(failed(touch), (), goal_s=0.0, passed=NearestPass(7.0, 0.4))
     assert cause is not None
     facts = dict(cause.facts)
     assert facts["rule"] == "real touches nothing of the judged world"
@@ -316,7 +326,7 @@ def test_a_cause_names_the_rule_in_words_and_what_a_limit_of_contact_means() -> 
 
 def test_a_rule_has_the_value_of_its_limit() -> None:
     near = OracleResult("clearance", "twin", True, "FAIL", 0.2, 0.35, "m", -0.15, 8.0, "gate")
-    cause = cause_of(failed(near), (), goal_s=0.0, passed=None)
+    cause = verdict_cause_of(failed(near), (), goal_s=0.0, passed=None)
     assert cause is not None
     assert dict(cause.facts)["rule"] == "twin keeps at least 0.35 m from everything"
 
@@ -325,7 +335,7 @@ def test_an_error_is_not_explained_by_an_oracle_that_never_began() -> None:
     missed = OracleResult("reached_position", "twin", True, "FAIL", None, 0.5, "m", None, None, "-")
     reason = "twin: not at 1.2 m within 30 s; last STATUSTEXT: none"
     result = replace(failed(missed), verdict="ERROR", reason=reason, decided_by="")
-    cause = cause_of(result, (), goal_s=None, passed=None)
+    cause = verdict_cause_of(result, (), goal_s=None, passed=None)
     assert cause is not None
     assert (cause.oracle, cause.violated) == ("", "twin: not at 1.2 m within 30 s")
 
@@ -338,15 +348,18 @@ def test_a_physical_contact_is_explained_by_its_oracle_and_in_the_order_of_time(
         failed(touch),
         reason="real physically touched gate.left",
         decided_by="contact/real",
-        also=(Also("FAIL", "real: failsafe", 8.5), Also("FAIL", "real touched gate.left", 8.0)),
+        also=(
+            LaterEvent("FAIL", "real: failsafe", 8.5),
+            LaterEvent("FAIL", "real touched gate.left", 8.0),
+        ),
     )
-    cause = cause_of(
+    cause = verdict_cause_of(
         result,
         (),
         goal_s=2.0,
         passed=None,
         outcome=((9.5, "the run counts as landed"),),
-        contact_at=lambda vehicle, t_s: Contact(0.39, t_s + 0.25, 9.5),
+        contact_at=lambda vehicle, t_s: ContactFacts(0.39, t_s + 0.25, 9.5),
     )
     assert cause is not None
     facts = dict(cause.facts)
@@ -364,14 +377,14 @@ def test_a_physical_contact_is_explained_by_its_oracle_and_in_the_order_of_time(
 def test_a_formula_is_its_own_rule_and_its_figures_stand_once() -> None:
     said = "up_m <= 1.3 is violated: 1.650 m against 1.3 m"
     waits = OracleResult("waits", "real", True, "FAIL", 1.65, (None, 1.3), "m", -0.35, 8.0, said)
-    cause = cause_of(
+    cause = verdict_cause_of(
         failed(waits), (), goal_s=2.0, passed=None, formulas={"waits": "always[0,3] (up_m <= 1.3)"}
     )
     assert cause is not None
     facts = dict(cause.facts)
     assert facts["rule"] == "always[0,3] (up_m <= 1.3) (seconds since its window opened)"
     plain = {"waits": "always (up_m <= 1.3)"}
-    whole = cause_of(failed(waits), (), goal_s=2.0, passed=None, formulas=plain)
+    whole = verdict_cause_of(failed(waits), (), goal_s=2.0, passed=None, formulas=plain)
     assert whole is not None
     assert dict(whole.facts)["rule"] == "always (up_m <= 1.3)", "it has no seconds to explain"
     assert facts["broken part"] == "up_m <= 1.3"
@@ -382,7 +395,7 @@ def test_a_formula_is_its_own_rule_and_its_figures_stand_once() -> None:
 def test_a_limit_crossed_before_its_worst_has_both_times() -> None:
     high = OracleResult("altitude", "real", True, "FAIL", 2.5, (None, 2.3), "m", -0.2, 9.0, "")
     events = [LogEvent(8.0, "flag", "real", "oracle altitude · real too high", "altitude")]
-    cause = cause_of(failed(high), events, goal_s=2.0, passed=None)
+    cause = verdict_cause_of(failed(high), events, goal_s=2.0, passed=None)
     assert cause is not None
     facts = dict(cause.facts)
     assert facts["crossed"] == "6.00 s after the goal was given"
@@ -394,7 +407,7 @@ def test_a_twin_that_dropped_out_and_reported_oracles_are_noted() -> None:
         "collision", "twin", False, "FAIL", 0.0, 0.0, "m", 0.0, 8.0, "touched cage.floor"
     )
     left = TwinResult("follow", 0.1, 0.2, 0.3, 1.0, DropOut(7.5, "the guard landed it"))
-    notes = notes_of(replace(failed(floor), twin=left), at_s=8.0, goal_s=2.0)
+    notes = verdict_notes_of(replace(failed(floor), twin=left), at_s=8.0, goal_s=2.0)
     assert notes == (
         (
             "The twin dropped out 5.50 s after the goal was given, 0.50 s before the decisive "
@@ -403,13 +416,13 @@ def test_a_twin_that_dropped_out_and_reported_oracles_are_noted() -> None:
         "Reported only, without a say in the verdict: collision of twin FAIL (touched cage.floor)",
     )
     passed = replace(failed(replace(floor, verdict="PASS")), verdict="PASS")
-    assert notes_of(passed, at_s=None, goal_s=2.0) == ()
+    assert verdict_notes_of(passed, at_s=None, goal_s=2.0) == ()
 
 
 def test_a_failure_whose_evidence_is_unsound_says_so_first() -> None:
-    unseen = Also("INVALID", "mixing of camera: the mixture never showed gate", 9.0)
+    unseen = LaterEvent("INVALID", "mixing of camera: the mixture never showed gate", 9.0)
     floor = OracleResult("clearance", "real", True, "FAIL", 0.0, 0.3, "m", -0.3, 8.0, "")
-    notes = notes_of(replace(failed(floor), also=(unseen,)), at_s=8.0, goal_s=2.0)
+    notes = verdict_notes_of(replace(failed(floor), also=(unseen,)), at_s=8.0, goal_s=2.0)
     assert notes[0] == (
         "The fault may not be the autonomy's: INVALID too, for mixing of camera: the mixture never "
         "showed gate"
@@ -418,7 +431,7 @@ def test_a_failure_whose_evidence_is_unsound_says_so_first() -> None:
 
 def test_the_rule_of_a_largest_height_names_no_least_one() -> None:
     high = OracleResult("altitude", "real", True, "FAIL", 1.2, 1.0, "m", -0.2, 8.0, "")
-    cause = cause_of(failed(high), (), goal_s=2.0, passed=None)
+    cause = verdict_cause_of(failed(high), (), goal_s=2.0, passed=None)
     assert cause is not None
     facts = dict(cause.facts)
     assert facts["rule"] == "real stays between min_m and max_m over the world's origin"
@@ -427,7 +440,7 @@ def test_the_rule_of_a_largest_height_names_no_least_one() -> None:
 
 def test_a_missed_goal_says_how_near_the_vehicle_came() -> None:
     missed = OracleResult("reached", "real", True, "FAIL", None, 0.5, "m", None, None, "never")
-    cause = cause_of(failed(missed), (), goal_s=2.0, passed=NearestPass(6.5, 1.234))
+    cause = verdict_cause_of(failed(missed), (), goal_s=2.0, passed=NearestPass(6.5, 1.234))
     assert cause is not None
     facts = dict(cause.facts)
     assert (facts["at worst"], facts["limit"]) == ("not measured", "0.5 m")
@@ -436,7 +449,7 @@ def test_a_missed_goal_says_how_near_the_vehicle_came() -> None:
         "1.23 m from the goal's first gate or position, 4.50 s after the goal was given"
     )
     own = replace(missed, name="through the ring")
-    cause = cause_of(failed(own), (), goal_s=2.0, passed=None)
+    cause = verdict_cause_of(failed(own), (), goal_s=2.0, passed=None)
     assert cause is not None
     assert "rule" not in dict(cause.facts)
 

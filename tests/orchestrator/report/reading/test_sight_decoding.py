@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from tests.orchestrator.mcap_runs import camera
-from wil_campaign.orchestrator.recording.mcap.mcap_encode import Encoder
+from wil_campaign.orchestrator.recording.mcap.mcap_encode import McapEncoder
 from wil_campaign.orchestrator.recording.mcap.mcap_settings import ImageSettings, RecordingSettings
 from wil_campaign.orchestrator.report.reading.recorded_sights import RecordedSight, RecordedSights
 from wil_campaign.orchestrator.report.reading.sight_decoding import ImageSize, decode_sights
@@ -26,7 +26,7 @@ class Recorded:
     ("source", "vehicle"), [("real", "real"), ("twin", "twin"), ("mixed", "real")]
 )
 def test_the_vehicle_of_an_image_is_that_of_its_source(source: Source, vehicle: str) -> None:
-    encoder = Encoder(epoch_s=0.0, settings=RecordingSettings())
+    encoder = McapEncoder(epoch_s=0.0, settings=RecordingSettings())
     image = encoder.encode("camera", camera(1, source))[-1]
     message: Any = Recorded(image.data, image.log_ns)
     sights = {"camera": [RecordedSight(0.1, message, (), {})]}
@@ -37,7 +37,7 @@ def test_the_vehicle_of_an_image_is_that_of_its_source(source: Source, vehicle: 
 
 def test_images_that_cannot_be_drawn_again_are_one_problem_of_the_report() -> None:
     settings = RecordingSettings(real=ImageSettings(keeps_drawn=False))
-    encoder = Encoder(epoch_s=0.0, settings=settings)
+    encoder = McapEncoder(epoch_s=0.0, settings=settings)
     drawn = replace(camera(1, "real"), drawing=Drawing(Pose((0.0, 0.0, 0.0))))
     image = encoder.encode("camera", drawn)[-1]
     message: Any = Recorded(image.data, image.log_ns)

@@ -4,7 +4,7 @@ import re
 
 import pytest
 
-from wil_campaign.orchestrator.report.model import Frame, Mark, Sight
+from wil_campaign.orchestrator.report.model import ObjectMark, PageImage, PerceivedSight
 from wil_campaign.orchestrator.report.rendering.image_marks import marks_svg
 
 WIDTH_PX, HEIGHT_PX = 320, 240
@@ -13,10 +13,10 @@ NAME = re.compile(r'<text x="([\d.]+)" y="([\d.]+)" font-size="([\d.]+)">([^<]+)
 Corners = tuple[float, float, float, float]
 
 
-def names_of(*marks: Mark) -> list[tuple[str, float, float, float, float]]:
+def names_of(*marks: ObjectMark) -> list[tuple[str, float, float, float, float]]:
     """Return name, left, top, right and bottom of each drawn name."""
-    frame = Frame("mixed", 1.0, 1.0, WIDTH_PX, HEIGHT_PX, "")
-    svg = marks_svg(Sight(1.0, frame, marks=marks))
+    frame = PageImage("mixed", 1.0, 1.0, WIDTH_PX, HEIGHT_PX, "")
+    svg = marks_svg(PerceivedSight(1.0, frame, marks=marks))
     found = []
     for x, y, size, name in NAME.findall(str(svg)):
         left, bottom, height = float(x), float(y), float(size)
@@ -35,7 +35,7 @@ def names_of(*marks: Mark) -> list[tuple[str, float, float, float, float]]:
     ],
 )
 def test_names_stand_in_the_image_and_do_not_collide(corners: list[Corners]) -> None:
-    found = names_of(*(Mark(f"obstacle_{n}", 1.0, box) for n, box in enumerate(corners)))
+    found = names_of(*(ObjectMark(f"obstacle_{n}", 1.0, box) for n, box in enumerate(corners)))
     assert len(found) == len(corners)
     for _, left, top, right, bottom in found:
         assert left >= 0.0
@@ -48,5 +48,5 @@ def test_names_stand_in_the_image_and_do_not_collide(corners: list[Corners]) -> 
 
 
 def test_a_single_name_stands_above_its_box() -> None:
-    ((name, left, _, _, bottom),) = names_of(Mark("gate", 1.0, (100, 100, 140, 140)))
+    ((name, left, _, _, bottom),) = names_of(ObjectMark("gate", 1.0, (100, 100, 140, 140)))
     assert (name, left, bottom) == ("gate", 97.0, 93.0)

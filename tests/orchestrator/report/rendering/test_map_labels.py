@@ -5,18 +5,18 @@ import itertools
 from hypothesis import given
 from hypothesis import strategies as st
 
-from wil_campaign.orchestrator.report.rendering.map_labels import Box, place_names, text_box
+from wil_campaign.orchestrator.report.rendering.map_labels import LabelBox, place_names, text_box
 
-AREA = Box(0.0, 0.0, 420.0, 300.0)
+AREA = LabelBox(0.0, 0.0, 420.0, 300.0)
 
 
 def test_a_name_goes_above_its_object() -> None:
-    (placed,) = place_names([("gate", Box(100.0, 100.0, 140.0, 110.0))], [], AREA)
+    (placed,) = place_names([("gate", LabelBox(100.0, 100.0, 140.0, 110.0))], [], AREA)
     assert (placed.at, placed.anchor, placed.leader) == ((120.0, 95.0), "middle", None)
 
 
 def test_names_of_objects_at_one_place_do_not_collide() -> None:
-    box = Box(200.0, 150.0, 210.0, 160.0)
+    box = LabelBox(200.0, 150.0, 210.0, 160.0)
     names = [f"pillar-{k}" for k in range(8)]
     placed = place_names([(name, box) for name in names], [box], AREA)
     assert [one.name for one in placed] == names
@@ -26,7 +26,7 @@ def test_names_of_objects_at_one_place_do_not_collide() -> None:
 
 
 def test_a_name_without_a_free_place_is_left_out() -> None:
-    box = Box(200.0, 150.0, 210.0, 160.0)
+    box = LabelBox(200.0, 150.0, 210.0, 160.0)
     assert place_names([("gate", box)], [AREA], AREA) == []
 
 
@@ -39,7 +39,7 @@ def test_a_name_without_a_free_place_is_left_out() -> None:
     )
 )
 def test_no_two_names_ever_collide(given: list[tuple[str, float, float]]) -> None:
-    wanted = [(name, Box(x, y, x + 10.0, y + 10.0)) for name, x, y in given]
+    wanted = [(name, LabelBox(x, y, x + 10.0, y + 10.0)) for name, x, y in given]
     boxes = [text_box(place_name) for place_name in place_names(wanted, [], AREA)]
     assert all(box.is_within(AREA) for box in boxes)
     assert not any(a.meets(b) for a, b in itertools.combinations(boxes, 2))

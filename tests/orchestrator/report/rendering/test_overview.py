@@ -9,10 +9,14 @@ import pytest
 
 from tests.orchestrator.reading.flown_campaign import Flight, flights, write_flown
 from wil_campaign.campaigns.statistics.sequential_test import SequentialTest
-from wil_campaign.campaigns.values.acceptance import Requirement, Share
-from wil_campaign.orchestrator.reading.results_folder import read_campaign
+from wil_campaign.campaigns.values.acceptance import PassRequirement, PassShare
+from wil_campaign.orchestrator.reading.results_folder import read_campaign_documents
 from wil_campaign.orchestrator.report.rendering import overview
-from wil_campaign.orchestrator.report.rendering.overview import case_rows, margin_text, verdict_of
+from wil_campaign.orchestrator.report.rendering.overview import (
+    campaign_verdict_of,
+    case_rows,
+    margin_text,
+)
 from wil_campaign.orchestrator.report.words import NOTHING
 from wil_campaign.orchestrator.run_results.run_result import RunResult
 from wil_campaign.safety.model.oracle_results import OracleResult
@@ -30,31 +34,33 @@ DECIDED: dict[str, Any] = {
 
 
 def row_of(folder: Path, given: list[Flight], **more: Any) -> tuple[str, str, str]:
-    (row,) = case_rows(read_campaign(write_flown(folder, given, with_motion=False, **more)))
+    (row,) = case_rows(
+        read_campaign_documents(write_flown(folder, given, with_motion=False, **more))
+    )
     return row.passed, row.required, row.verdict
 
 
 @pytest.mark.parametrize(
     ("verdicts", "share", "required", "verdict"),
     [
-        ("PPPPF", Share(4, 5), "4/5", "PASS"),
-        ("PPPFF", Share(4, 5), "4/5", "FAIL"),
-        ("PPPPF", Share(5, 5), "5/5", "FAIL"),
-        ("PPP", Share(5, 5), "5/5", "ERROR"),
-        ("PPPPI", Share(4, 5), "4/5", "INVALID"),
-        ("PPPP", Share(4, 5), "4/5", "ERROR"),
-        ("PPPF", Share(4, 5), "4/5", "ERROR"),
-        ("PFF", Share(4, 5), "4/5", "FAIL"),
+        ("PPPPF", PassShare(4, 5), "4/5", "PASS"),
+        ("PPPFF", PassShare(4, 5), "4/5", "FAIL"),
+        ("PPPPF", PassShare(5, 5), "5/5", "FAIL"),
+        ("PPP", PassShare(5, 5), "5/5", "ERROR"),
+        ("PPPPI", PassShare(4, 5), "4/5", "INVALID"),
+        ("PPPP", PassShare(4, 5), "4/5", "ERROR"),
+        ("PPPF", PassShare(4, 5), "4/5", "ERROR"),
+        ("PFF", PassShare(4, 5), "4/5", "FAIL"),
     ],
 )
 def test_the_share_of_a_part_of_a_composition_is_that_of_its_flight(
-    tmp_path: Path, verdicts: str, share: Share, required: str, verdict: str
+    tmp_path: Path, verdicts: str, share: PassShare, required: str, verdict: str
 ) -> None:
     found = row_of(
         tmp_path / "both",
         flights("one.a", "wil", verdicts),
         document=COMPOSED,
-        requirements=[Requirement("one.a", "wil", share)],
+        requirements=[PassRequirement("one.a", "wil", share)],
     )
     assert found == (f"{verdicts.count('P')}/{len(verdicts)}", required, verdict)
 
@@ -64,16 +70,16 @@ def test_the_reason_against_a_composition_names_the_share(tmp_path: Path) -> Non
         tmp_path / "both",
         flights("one.a", "wil", "PPPFF"),
         document=COMPOSED,
-        requirements=[Requirement("one.a", "wil", Share(4, 5))],
+        requirements=[PassRequirement("one.a", "wil", PassShare(4, 5))],
         with_motion=False,
     )
-    text = verdict_of(read_campaign(folder)).sentence
+    text = campaign_verdict_of(read_campaign_documents(folder)).sentence
     assert "Not accepted because one.a/wil is 3/5 (needs 4/5)." in text
 
 
 def test_a_decided_part_of_a_composition_lacks_no_run(tmp_path: Path) -> None:
     given = flights("one.a", "wil", "PP")
-    test = Requirement("one.a", "wil", Share(5, 5), TEST)
+    test = PassRequirement("one.a", "wil", PassShare(5, 5), TEST)
     folder = write_flown(
         tmp_path / "both",
         given,
@@ -82,7 +88,7 @@ def test_a_decided_part_of_a_composition_lacks_no_run(tmp_path: Path) -> None:
         planned=5,
         with_motion=False,
     )
-    campaign = read_campaign(folder)
+    campaign = read_campaign_documents(folder)
     assert (campaign.problems, campaign.run_problems) == ((), ())
     (row,) = case_rows(campaign)
     assert (row.passed, row.required, row.verdict) == (
@@ -117,7 +123,7 @@ def test_a_folder_of_an_earlier_version_is_read_by_its_campaign_file(
 def test_a_run_without_a_result_is_missing_where_the_summary_names_none(tmp_path: Path) -> None:
     given = flights("a", "wil", "PP")
     folder = write_flown(tmp_path / "cut", given, planned=3, broken=None, with_motion=False)
-    assert "1 of 3 runs have no readable result" in read_campaign(folder).problems
+    assert "1 of 3 runs have no readable result" in read_campaign_documents(folder).problems
 
 
 def judged(*margins: tuple[str, str, float | None, bool]) -> RunResult:

@@ -10,8 +10,8 @@ import pytest
 from tests.orchestrator.report.recorded_campaign import HOSTILE, write_campaign
 from wil_campaign.orchestrator.cli import verdict_table
 from wil_campaign.orchestrator.report.campaign_report import write_report
-from wil_campaign.orchestrator.report.rendering.markup import element, visible
-from wil_campaign.orchestrator.report.rendering.page import anchors
+from wil_campaign.orchestrator.report.rendering.markup import svg_element, visible_text
+from wil_campaign.orchestrator.report.rendering.page import page_anchors
 from wil_campaign.orchestrator.report.rendering.scales import tick_step, value_scale
 
 
@@ -216,7 +216,7 @@ def test_the_policy_lets_nothing_in_but_the_page_itself(page: str) -> None:
 
 
 def test_text_in_svg_is_escaped_in_contents_and_attributes() -> None:
-    made = element("text", {"class": '"><script>', "x": 1.005}, ["</text><script>"])
+    made = svg_element("text", {"class": '"><script>', "x": 1.005}, ["</text><script>"])
     assert made == (
         '<text class="&#34;&gt;&lt;script&gt;" x="1">&lt;/text&gt;&lt;script&gt;</text>'
     )
@@ -233,11 +233,11 @@ def test_text_in_svg_is_escaped_in_contents_and_attributes() -> None:
     ],
 )
 def test_control_characters_are_seen(text: str, shown: str) -> None:
-    assert visible(text) == shown
+    assert visible_text(text) == shown
 
 
 def test_every_run_has_an_anchor_of_its_own() -> None:
-    found = anchors(["a/sim/1", "a sim 1", "ä/sim/1", "ö/sim/1"])
+    found = page_anchors(["a/sim/1", "a sim 1", "ä/sim/1", "ö/sim/1"])
     assert len(set(found)) == 4
     assert all(re.fullmatch(r"[A-Za-z0-9_-]+", one) for one in found)
 

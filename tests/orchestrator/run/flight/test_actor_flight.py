@@ -10,20 +10,20 @@ import pytest
 
 from tests.orchestrator.conftest import ROOT, Fly
 from tests.orchestrator.flights import all_landed, log_of
-from wil_campaign.campaigns.expansion.expansion import Options, load_campaign
-from wil_campaign.foundation.clocks.virtual_loop import run_on
-from wil_campaign.foundation.files.document_writer import to_json, write_whole
+from wil_campaign.campaigns.expansion.expansion import ExpansionOptions, load_campaign
+from wil_campaign.foundation.clocks.virtual_loop import run_on_clock
+from wil_campaign.foundation.files.document_writer import to_json, write_atomically
 from wil_campaign.orchestrator.campaign.reevaluation import judge_run_again
 from wil_campaign.orchestrator.reading.judged_motion import read_judged_motion
 from wil_campaign.orchestrator.run.stages.actor_flight import ActorFlight
-from wil_campaign.orchestrator.run.vehicles.pair import Pair
+from wil_campaign.orchestrator.run.vehicles.pair import VehiclePair
 from wil_campaign.orchestrator.run.vehicles.vehicle_backends import vehicle_seed
 from wil_campaign.orchestrator.state.run_state import RunState
 from wil_campaign.safety.guard.core.commands import StartOutage
 from wil_campaign.safety.model.samples import PoseSample
 from wil_campaign.safety.model.verdict import DecisiveEvent
 from wil_campaign.worlds.frames import Pose
-from wil_campaign.worlds.scene.motion import Motion, StartAt, Waypoint
+from wil_campaign.worlds.scene.motion import ObjectMotion, StartAtTime, Waypoint
 
 FLOWN = "actors={intruder: {link: embedded, autopilot: px4}}"
 BLIND = "autonomy.with={object: person}"
@@ -54,9 +54,9 @@ def test_the_intruder_touches_a_vehicle_that_does_not_evade(fly_run: Fly) -> Non
     # Judged again from the recording alone, it is touched at the same moment.
     plan = load_campaign(
         ROOT / "campaigns" / "avoid.yaml",
-        Options(cases=("fast",), modes=("sim",), sets=(*SETS, "controls={}")),
+        ExpansionOptions(cases=("fast",), modes=("sim",), sets=(*SETS, "controls={}")),
     ).runs[0]
-    write_whole(folder / "result.json", to_json(asdict(result)))
+    write_atomically(folder / "result.json", to_json(asdict(result)))
     again = judge_run_again(plan, folder).now
     touched = {oracle.name: oracle for oracle in result.oracles}["collision"]
     assert {oracle.name: oracle for oracle in again.oracles}["collision"] == touched
@@ -75,7 +75,7 @@ def test_a_contact_with_the_actor_in_mode_real_fails_the_run(fly_run: Fly) -> No
     assert "touched intruder" in result.reason
 
 
-def mute(pair: Pair, run_state: RunState) -> None:
+def mute(pair: VehiclePair, run_state: RunState) -> None:
     run_state.on_stage(
         lambda stage, _: pair.guard.send(StartOutage("intruder", 60.0)) if stage == "goal" else None
     )
@@ -130,8 +130,8 @@ def test_an_actor_that_is_slower_than_its_motion_makes_the_run_invalid(fly_run: 
     assert "behind its motion (max_delay_s 3)" in result.reason
 
 
-MOTION = Motion(
-    Pose.of(0.0, 0.0, 0.0), (Waypoint((0, 0, -1), 1.0), Waypoint((8, 0, -1), 1.0)), StartAt(2.0)
+MOTION = ObjectMotion(
+    Pose.of(0.0, 0.0, 0.0), (Waypoint((0, 0, -1), 1.0), Waypoint((8, 0, -1), 1.0)), StartAtTime(2.0)
 )
 
 
@@ -163,7 +163,7 @@ async def _watched(stops_s: float, silent_s: float, land_s: float) -> list[Decis
     setup: Any = SimpleNamespace(
         name="intruder",
         autopilot="px4",
-        motion=replace(MOTION, start=StartAt(t0_s + 2.0)),
+        motion=replace(MOTION, start=StartAtTime(t0_s + 2.0)),
         max_delay_s=3.0,
         max_offset_m=0.5,
         max_silence_s=0.5,
@@ -214,7 +214,7 @@ def test_an_actor_that_stops_or_falls_silent_makes_the_run_invalid(
     async def main() -> None:
         found.extend(await _watched(stops_s, silent_s, land_s))
 
-    run_on("virtual", main())
+    run_on_clock("virtual", main())
     assert [one.kind for one in found] == (["INVALID"] if said else [])
     if said:
         assert said in found[0].text

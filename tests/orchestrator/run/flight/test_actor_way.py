@@ -6,10 +6,10 @@ import pytest
 
 from wil_campaign.orchestrator.run.stages.actor_flight import ActorProgress, ActorWay
 from wil_campaign.worlds.frames import Pose, Vec3
-from wil_campaign.worlds.scene.motion import Motion, Waypoint
+from wil_campaign.worlds.scene.motion import ObjectMotion, Waypoint
 
 WAY = ActorWay(
-    Motion(
+    ObjectMotion(
         Pose.of(2.5, 0.0, 0.0, yaw_rad=math.pi),
         (Waypoint((2.5, 0.0, -1.0), 0.5), Waypoint((-0.5, 0.0, -1.0), 1.0)),
     )
@@ -27,7 +27,7 @@ def test_it_climbs_to_the_first_waypoint_whatever_comes_after_it() -> None:
     begin, higher = Pose.of(2.5, 0.0, 0.0), Waypoint((-0.5, 0.0, -3.0), 1.0)
     first = Waypoint((2.5, 0.0, -1.0), 0.5)
     for waypoints in ((first, higher), (first,)):
-        assert ActorWay(Motion(begin, waypoints)).climb_m == pytest.approx(1.0)
+        assert ActorWay(ObjectMotion(begin, waypoints)).climb_m == pytest.approx(1.0)
 
 
 def test_velocity_and_speed_are_those_of_the_leg() -> None:
@@ -79,7 +79,9 @@ def test_an_actor_that_is_too_slow_falls_further_and_further_behind() -> None:
 def test_an_actor_that_stands_where_the_path_crosses_itself_falls_behind() -> None:
     """The path comes back to its second waypoint after 6 s: only from then on that is its place."""
     corners: tuple[Vec3, ...] = ((0, 0, -1), (2, 0, -1), (4, 2, -1), (4, -2, -1), (2, 0, -1))
-    way = ActorWay(Motion(Pose.of(0, 0, 0), tuple(Waypoint(corner, 1.0) for corner in corners)))
+    way = ActorWay(
+        ObjectMotion(Pose.of(0, 0, 0), tuple(Waypoint(corner, 1.0) for corner in corners))
+    )
     found = behind(way, {t_s: at(way, min(t_s, 3.0)) for t_s in (1.0, 2.0, 3.0, 4.0, 6.0, 8.0)})
     assert found == pytest.approx([0.0, 0.0, 0.0, 1.0, 3.0, 5.0], abs=0.06)
 
@@ -87,7 +89,9 @@ def test_an_actor_that_stands_where_the_path_crosses_itself_falls_behind() -> No
 def test_an_actor_is_not_late_for_what_it_has_flown_before() -> None:
     """There and back on one line: each place of it is passed twice."""
     corners: tuple[Vec3, ...] = ((0, 0, -1), (2, 0, -1), (0, 0, -1))
-    way = ActorWay(Motion(Pose.of(0, 0, 0), tuple(Waypoint(corner, 1.0) for corner in corners)))
+    way = ActorWay(
+        ObjectMotion(Pose.of(0, 0, 0), tuple(Waypoint(corner, 1.0) for corner in corners))
+    )
     times_s = [0.1 * tick for tick in range(60)]
     found = behind(way, {t_s: at(way, max(0.0, t_s - 0.4)) for t_s in times_s})
     assert max(found) == pytest.approx(0.4, abs=0.06)
@@ -97,6 +101,6 @@ def test_an_actor_is_not_late_for_what_it_has_flown_before() -> None:
 def test_an_actor_that_turns_with_its_motion_is_not_behind_it() -> None:
     turned = Waypoint((2.5, 0.0, -1.0), 0.5, yaw_rad=0.0)
     begin = Pose.of(2.5, 0.0, 0.0, yaw_rad=math.pi)
-    way = ActorWay(Motion(begin, (Waypoint((2.5, 0.0, -1.0), 0.5), turned)))
+    way = ActorWay(ObjectMotion(begin, (Waypoint((2.5, 0.0, -1.0), 0.5), turned)))
     assert way.duration_s == pytest.approx(3.0)
     assert behind(way, {2.0: at(way, 2.0), 2.8: at(way, 2.8)}) == pytest.approx([0.0, 0.0])

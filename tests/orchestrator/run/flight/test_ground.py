@@ -8,9 +8,9 @@ from tests.faults.missions import LEGS
 from tests.orchestrator.campaign.resuming.test_runs_to_fly import NoCommands
 from tests.orchestrator.conftest import vehicles_on
 from tests.orchestrator.hover import write_hover
-from wil_campaign.campaigns.expansion.expansion import Options, load_campaign
-from wil_campaign.orchestrator.run.flight.run import fly
-from wil_campaign.orchestrator.run_results.caveats import caveats
+from wil_campaign.campaigns.expansion.expansion import ExpansionOptions, load_campaign
+from wil_campaign.orchestrator.run.flight.run import fly_one_run
+from wil_campaign.orchestrator.run_results.caveats import campaign_caveats
 from wil_campaign.orchestrator.run_results.run_result import RunResult
 from wil_campaign.orchestrator.state.run_setup import RunOrder, RunSetup
 
@@ -29,11 +29,11 @@ def flown(folder: Path, legs: str, *sets: str) -> RunResult:
     path = write_hover(folder)
     (folder / "still.py").write_text(LEGS.replace("class Legs", "class Still"))
     autonomy = f"autonomy={{use: still.py:Still, with: {{legs: {legs}}}}}"
-    plan = load_campaign(path, Options(sets=(autonomy, *sets))).runs[0]
+    plan = load_campaign(path, ExpansionOptions(sets=(autonomy, *sets))).runs[0]
     order = RunOrder(plan=plan, folder=folder / "run", clock="virtual")
     order.folder.mkdir()
     with vehicles_on():
-        return fly(RunSetup.of(order), lambda _: None, NoCommands())
+        return fly_one_run(RunSetup.of(order), lambda _: None, NoCommands())
 
 
 @pytest.mark.parametrize("legs", [SCRAPE, DRIVEN])
@@ -70,7 +70,7 @@ def test_an_object_that_never_moved_is_a_caveat(tmp_path: Path, delay_s: str, sa
     assert result.verdict == "PASS"
     assert result.unmoved == (("drone",) if said else ())
     line = "never moved while the goal was flown: drone (default sim, 1 run)"
-    assert (line in caveats([result])) is said
+    assert (line in campaign_caveats([result])) is said
 
 
 def test_an_autonomy_that_gives_up_before_the_encounter_fails(tmp_path: Path) -> None:

@@ -2,20 +2,20 @@
 
 import pytest
 
-from wil_campaign.orchestrator.run.flight.lateness import MachineLateness, remedy_of
+from wil_campaign.orchestrator.run.flight.lateness import MachineLateness, lateness_remedy
 from wil_campaign.orchestrator.state.run_state import RunState
-from wil_campaign.safety.model.verdict import decide
+from wil_campaign.safety.model.verdict import decide_verdict
 
 
 def flight(lates: list[tuple[float, float]], kind: str, source: str, at_s: float) -> list[str]:
     """Return the decisive events of a flight whose goal was given at 100 s, the cause first."""
     run_state = RunState(time=lambda: 100.0)
-    lateness = MachineLateness(run_state=run_state, remedy=remedy_of(virtual=True))
+    lateness = MachineLateness(run_state=run_state, remedy=lateness_remedy(virtual=True))
     run_state.enter("goal")
     for due_s, woken_s in lates:
         lateness.note(due_s, woken_s)
     run_state.decide(kind, "t0 skew 0.160 s exceeds 0.1 s", t_s=at_s, source=source)  # type: ignore[arg-type]
-    decision = decide(run_state.decisive, (), end_s=200.0)
+    decision = decide_verdict(run_state.decisive, (), end_s=200.0)
     return [decision.reason, *(event.text for event in decision.also)]
 
 
@@ -44,4 +44,4 @@ def test_a_verdict_that_lateness_does_not_explain_keeps_its_reason(
 
 
 def test_attached_vehicles_cannot_be_flown_in_virtual_time() -> None:
-    assert remedy_of(virtual=False) == "fly on a free machine"
+    assert lateness_remedy(virtual=False) == "fly on a free machine"

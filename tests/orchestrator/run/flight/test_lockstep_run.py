@@ -29,9 +29,9 @@ from tests.orchestrator.wall_runs import (
     lines,
     until,
 )
-from wil_campaign.campaigns.expansion.expansion import Options, load_campaign
+from wil_campaign.campaigns.expansion.expansion import ExpansionOptions, load_campaign
 from wil_campaign.foundation.clocks.sim_clock_controller import STALL_S
-from wil_campaign.orchestrator.run.flight.run import fly
+from wil_campaign.orchestrator.run.flight.run import fly_one_run
 from wil_campaign.orchestrator.run_results.run_result import RunResult
 from wil_campaign.orchestrator.state.run_setup import RunOrder, RunSetup
 from wil_campaign.safety.guard.process.channel_link import ChannelLink
@@ -202,11 +202,11 @@ def fly_altered(
 
     monkeypatch.setattr(ChannelLink, "arrive", altered)
     sets = (*PATIENT, *STEP, "controls={}", "clock.speed=4")
-    options = Options(cases=("large",), modes=("sim",), sets=sets)
+    options = ExpansionOptions(cases=("large",), modes=("sim",), sets=sets)
     plan = load_campaign(ROOT / "campaigns" / "gate.yaml", options).runs[0]
     folder.mkdir()
     setup = RunSetup.of(RunOrder(plan=plan, folder=folder, clock="scaled"))
-    return fly(setup, lambda _: None, NoCommands())
+    return fly_one_run(setup, lambda _: None, NoCommands())
 
 
 def test_an_estimate_that_jumps_proves_nothing(

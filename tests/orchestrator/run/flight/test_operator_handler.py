@@ -5,7 +5,7 @@ from contextlib import suppress
 from typing import Any
 
 from wil_campaign.orchestrator.run.flight.operator_handler import OperatorHandler
-from wil_campaign.safety.guard.core.commands import Operate
+from wil_campaign.safety.guard.core.commands import OperatorAction
 from wil_campaign.safety.guard.core.operator_command import OperatorCommand
 
 
@@ -17,7 +17,7 @@ async def test_a_command_is_with_the_guard_before_it_is_recorded() -> None:
         def poll(self) -> OperatorCommand | None:
             return commands.pop() if commands else None
 
-        def send(self, operate: Operate) -> None:
+        def send(self, operate: OperatorAction) -> None:
             done.append(f"{operate.command.kind} to the guard")
 
     stubs: Any = Stubs()

@@ -16,7 +16,7 @@ import pytest
 from tests.orchestrator.conftest import BRIEF, SMALL_CAMERAS
 from tests.orchestrator.flights import all_landed, log_of, rows_of
 from tests.orchestrator.live_feed.feed_reader import reading_feed
-from wil_campaign.foundation.background_file import BackgroundFile, Patience
+from wil_campaign.foundation.background_file import BackgroundFile, DiskPatience
 from wil_campaign.foundation.files.document_writer import to_json
 from wil_campaign.orchestrator.live_feed.feed_messages import EventView, ImageView, RunView
 from wil_campaign.orchestrator.recording import run_recorder
@@ -24,7 +24,7 @@ from wil_campaign.orchestrator.recording.mcap import mcap_writer
 from wil_campaign.orchestrator.recording.mcap.mcap_chunks import RecordStream
 from wil_campaign.orchestrator.recording.mcap.mcap_file import ChunkedFile
 from wil_campaign.orchestrator.recording.run_video import make_video
-from wil_campaign.orchestrator.run.vehicles.pair import Pair
+from wil_campaign.orchestrator.run.vehicles.pair import VehiclePair
 from wil_campaign.orchestrator.run_results.run_result import RunResult
 from wil_campaign.orchestrator.state import run_log
 from wil_campaign.orchestrator.state.run_state import RunState, Stage
@@ -36,10 +36,10 @@ from wil_campaign.vehicles.setpoints import VelocitySetpoint
 Fly = Callable[..., tuple[RunResult, Path]]
 
 
-def at_stage(stage: Stage, after_s: float, do: Callable[[Pair], None]) -> Any:
+def at_stage(stage: Stage, after_s: float, do: Callable[[VehiclePair], None]) -> Any:
     """Return a disturbance that does something some time after a stage is entered."""
 
-    def disturb(pair: Pair, run_state: RunState) -> None:
+    def disturb(pair: VehiclePair, run_state: RunState) -> None:
         def entered(name: Stage, _: float) -> None:
             if name == stage:
                 asyncio.get_running_loop().call_later(after_s, do, pair)
@@ -203,7 +203,7 @@ def test_a_physical_contact_in_mode_real_stops_the_motors(fly_run: Fly) -> None:
 
 
 def test_a_vehicle_that_never_becomes_ready_is_an_error_with_its_reasons(fly_run: Fly) -> None:
-    def spoil(pair: Pair, _: RunState) -> None:
+    def spoil(pair: VehiclePair, _: RunState) -> None:
         cast("Any", pair.vehicles["real"]).autopilot.never_ready = True
 
     result, folder = fly_run(disturb=spoil, sets=(*BRIEF, "sync.ready_timeout_s=15"))
@@ -253,7 +253,7 @@ def test_a_fence_that_is_left_brings_both_down_and_fails(fly_run: Fly) -> None:
 def test_motors_that_stop_in_the_air_of_a_landing_are_no_landing(fly_run: Fly) -> None:
     """PX4 reports the ground of any disarmed vehicle, before its HEARTBEAT comes."""
 
-    def stop(pair: Pair) -> None:
+    def stop(pair: VehiclePair) -> None:
         embedded: Any = pair.vehicles["real"]
         embedded.autopilot.stop_motors("a test")
 
@@ -394,7 +394,7 @@ def test_a_run_whose_recording_is_cut_off_at_its_end_proves_nothing(
         assert released.wait(60.0)
         finish(self, metadata)
 
-    class Brief(Patience):
+    class Brief(DiskPatience):
         def waits_on(self, polls: int, *, is_brief: bool = False) -> bool:
             return not reached.is_set()
 
@@ -500,7 +500,7 @@ def test_a_flight_that_is_interrupted_twice_leaves_no_thread_and_whole_files(
 ) -> None:
     """The second interrupt breaks off the landing that the first one began."""
 
-    def interrupt(_: Pair, __: RunState) -> None:
+    def interrupt(_: VehiclePair, __: RunState) -> None:
         def interrupted() -> None:
             raise KeyboardInterrupt
 

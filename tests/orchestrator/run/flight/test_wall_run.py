@@ -12,11 +12,11 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from tests.orchestrator.wall_runs import SHORT, STAYING, Program, lines, stages
 from wil_campaign.foundation.processes.identity import ProcessId
-from wil_campaign.vehicles.autopilots.autopilot import Mode, Target
+from wil_campaign.vehicles.autopilots.autopilot import FlightMode, MavlinkTarget
 from wil_campaign.vehicles.autopilots.px4 import Px4
 from wil_campaign.vehicles.links.link_strings import LinkAddress
 from wil_campaign.vehicles.links.udp import UdpLink
-from wil_campaign.vehicles.mavlink.codec import Codec
+from wil_campaign.vehicles.mavlink.codec import MavlinkCodec
 
 LOCKSTEP = ("--set", "clock.speed=1")
 """With `--clock scaled`: in real time where the machine allows it; time waits for who is late."""
@@ -121,7 +121,7 @@ class GroundStation:
     """QGroundControl as far as the guard can tell: hears on one port, answers all who speak."""
 
     def __init__(self) -> None:
-        self._codec = Codec(system_id=255, component_id=190)
+        self._codec = MavlinkCodec(system_id=255, component_id=190)
         self.link = UdpLink(address=LinkAddress(kind="udpin", host="127.0.0.1", port=0))
         self.link.receive(self._hear)
         self.heard: dict[int, set[str]] = {}
@@ -133,8 +133,8 @@ class GroundStation:
             if message.get_type() == "HEARTBEAT" and message.get_srcSystem() == 1:
                 self.armed = bool(message.base_mode & 128)
 
-    def ask(self, mode: Mode) -> None:
-        self.link.write(self._codec.pack(Px4().set_mode(Target(1), mode)))
+    def ask(self, mode: FlightMode) -> None:
+        self.link.write(self._codec.pack(Px4().set_mode(MavlinkTarget(1), mode)))
 
     def set_parameter(self, name: str) -> None:
         message = mavlink.MAVLink_param_set_message(1, 1, name.encode(), 0.0, 6)
@@ -152,11 +152,11 @@ async def test_a_pilot_at_a_ground_station_takes_over(tmp_path: Path) -> None:
             assert {"HEARTBEAT", "LOCAL_POSITION_NED"} <= context.heard[1]
             context.set_parameter("GF_ACTION")
             await program.await_event("dropped")
-            context.ask(Mode.HOLD)
+            context.ask(FlightMode.HOLD)
             await program.await_event("takeover")
             await asyncio.sleep(2.0)
             assert context.armed
-            context.ask(Mode.LAND)
+            context.ask(FlightMode.LAND)
             landed = await program.end()
     assert landed.code == 4, landed.why
     (run,) = json.loads(landed.out)["runs"]

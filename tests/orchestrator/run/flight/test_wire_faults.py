@@ -24,9 +24,9 @@ from tests.faults.wire_changes import (
 )
 from tests.orchestrator.conftest import BRIEF, Fly
 from tests.orchestrator.flights import all_landed, log_of
-from wil_campaign.orchestrator.run_results.caveats import caveats
+from wil_campaign.orchestrator.run_results.caveats import campaign_caveats
 from wil_campaign.orchestrator.state.run_state import RunState, Stage
-from wil_campaign.vehicles.mavlink.framing import Frame
+from wil_campaign.vehicles.mavlink.framing import MavlinkFrame
 from wil_campaign.vehicles.mavlink.heartbeats import HeartbeatKind
 
 PX4 = HeartbeatKind(mavlink.MAV_TYPE_QUADROTOR, mavlink.MAV_AUTOPILOT_PX4)
@@ -47,7 +47,7 @@ def test_heading_corrected_in_flight_is_no_pass(
     """It is 25 degrees wrong on the ground, and corrected at height, at once or over seconds."""
     began_s: list[float] = []
 
-    def change(frame: Frame, run_state: RunState) -> Iterable[bytes]:
+    def change(frame: MavlinkFrame, run_state: RunState) -> Iterable[bytes]:
         if frame.message_id != mavlink.MAVLINK_MSG_ID_ATTITUDE_QUATERNION:
             yield frame.raw
             return
@@ -72,7 +72,7 @@ def test_sound_heading_is_compared_with_all_that_there_is(fly_run: Fly, autopilo
     assert {"gyroscopes", "magnetometer", "truth"} <= set(pose.compared_with)
 
 
-def _without_hold(frame: Frame, run_state: RunState, what: Hold) -> Iterable[bytes]:
+def _without_hold(frame: MavlinkFrame, run_state: RunState, what: Hold) -> Iterable[bytes]:
     """Take the fix, the absolute position, or trust in the GPS from an estimator at its goal."""
     yield without_hold(frame, what) if run_state.reached("goal") else frame.raw
 
@@ -108,7 +108,9 @@ def test_dead_reckoning_that_is_permitted_is_a_caveat(fly_run: Fly, autopilot: s
     assert result.verdict == "PASS", result.reason
     assert any(one.get("kind") == "fault" for one in log_of(folder))
     (said,) = [
-        caveat for caveat in caveats([result]) if caveat.startswith("judged by dead reckoning: ")
+        caveat
+        for caveat in campaign_caveats([result])
+        if caveat.startswith("judged by dead reckoning: ")
     ]
     assert "twin: the estimator has lost its absolute position (POS_HORIZ_ABS)" in said
 
@@ -126,7 +128,7 @@ def test_a_foreign_heartbeat_is_named_and_is_no_state_of_the_vehicle(
 ) -> None:
     other = OtherSender(kind)
 
-    def change(frame: Frame, run_state: RunState) -> Iterable[bytes]:
+    def change(frame: MavlinkFrame, run_state: RunState) -> Iterable[bytes]:
         yield frame.raw
         if run_state.reached(stage):
             yield from other.beside(frame)
@@ -136,7 +138,7 @@ def test_a_foreign_heartbeat_is_named_and_is_no_state_of_the_vehicle(
     assert result.verdict == "PASS", result.reason
     (event,) = [one for one in log_of(folder) if one.get("kind") == "other_sender"]
     assert f"(system 2, component 1): {kind}; " in event["text"]
-    said = [caveat for caveat in caveats([result]) if f": {kind}" in caveat]
+    said = [caveat for caveat in campaign_caveats([result]) if f": {kind}" in caveat]
     assert len(said) == (stage == "identify")
     if said:
         assert event["t_s"] < next(
@@ -150,7 +152,7 @@ def test_second_board_behind_a_router_is_refused_or_ends_the_flight(
 ) -> None:
     board = Board(PX4)
 
-    def change(frame: Frame, run_state: RunState) -> Iterable[bytes]:
+    def change(frame: MavlinkFrame, run_state: RunState) -> Iterable[bytes]:
         yield frame.raw
         if run_state.reached(stage):
             yield from board.beside(frame)
@@ -169,7 +171,7 @@ def test_second_board_behind_a_router_that_numbers_frames_anew_is_refused(fly_ru
     """Its frames cannot be told apart; positions by two clocks show it before arming."""
     board, router = Board(PX4), Router()
 
-    def change(frame: Frame, _: RunState) -> Iterable[bytes]:
+    def change(frame: MavlinkFrame, _: RunState) -> Iterable[bytes]:
         for raw in (frame.raw, *board.beside(frame)):
             yield from router.pass_on(raw)
 

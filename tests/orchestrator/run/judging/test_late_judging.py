@@ -7,17 +7,17 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from tests.orchestrator.wall import write_wall
-from wil_campaign.campaigns.expansion.expansion import Options, load_campaign
+from wil_campaign.campaigns.expansion.expansion import ExpansionOptions, load_campaign
 from wil_campaign.orchestrator.run.judging.oracle_runner import OracleRunner
 from wil_campaign.orchestrator.run.judging.run_oracles import build_judge
 from wil_campaign.orchestrator.state.run_setup import RunOrder, RunSetup
 from wil_campaign.orchestrator.state.run_state import RunState
 from wil_campaign.orchestrator.state.vehicle_context import VehicleContext
 from wil_campaign.safety.model.samples import StageSample
-from wil_campaign.vehicles.autopilots.autopilot import Target
+from wil_campaign.vehicles.autopilots.autopilot import MavlinkTarget
 from wil_campaign.vehicles.driver import Driver
 from wil_campaign.vehicles.links.memory import memory_pair
-from wil_campaign.vehicles.mavlink.codec import Codec
+from wil_campaign.vehicles.mavlink.codec import MavlinkCodec
 from wil_campaign.worlds.frames import Pose
 
 PERIOD_S = 0.05
@@ -28,14 +28,14 @@ class LateJudge:
 
     def __init__(self, folder: Path) -> None:
         sets = ("oracles.link={max_gap_s: 1.0, vehicle: twin}",)
-        plan = load_campaign(write_wall(folder), Options(sets=sets)).runs[0]
+        plan = load_campaign(write_wall(folder), ExpansionOptions(sets=sets)).runs[0]
         setup = RunSetup.of(RunOrder(plan=plan, folder=folder, clock="virtual"))
         self.judge = build_judge(setup, {})
         link, _ = memory_pair(latency_s=0.0)
         driver = Driver(name="twin", link=link)
-        driver._session.target = Target(1)
+        driver._session.target = MavlinkTarget(1)
         self._received: Any = driver._session.received
-        self._bytes = Codec(system_id=1, component_id=1).pack(
+        self._bytes = MavlinkCodec(system_id=1, component_id=1).pack(
             mavlink.MAVLink_heartbeat_message(2, 12, 0, 0, 4, 3)
         )
         self.runner = OracleRunner(

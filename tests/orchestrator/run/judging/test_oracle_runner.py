@@ -6,12 +6,12 @@ from types import SimpleNamespace
 from typing import Any
 
 from tests.orchestrator.wall import write_wall
-from wil_campaign.campaigns.expansion.expansion import Options, load_campaign
+from wil_campaign.campaigns.expansion.expansion import ExpansionOptions, load_campaign
 from wil_campaign.orchestrator.run.judging.oracle_runner import OracleRunner
 from wil_campaign.orchestrator.run.judging.run_oracles import build_judge
 from wil_campaign.orchestrator.state.run_setup import RunOrder, RunSetup
 from wil_campaign.orchestrator.state.run_state import RunState, Stage
-from wil_campaign.vehicles.autopilots.autopilot import Mode
+from wil_campaign.vehicles.autopilots.autopilot import FlightMode
 from wil_campaign.vehicles.driver.vehicle_state import VehicleEvent, VehicleState
 
 
@@ -24,7 +24,7 @@ class Vehicle:
 
     def __init__(self) -> None:
         self.state = VehicleState(
-            armed=True, mode=Mode.GUIDED, mode_name="GUIDED", last_received_s=0.0
+            armed=True, mode=FlightMode.GUIDED, mode_name="GUIDED", last_received_s=0.0
         )
         self.reported_s: dict[str, float] = {}
         self._event: Callable[[VehicleEvent], None] = lambda _: None
@@ -43,14 +43,14 @@ class Vehicle:
     def take_arrivals(self) -> tuple[float, ...]:
         return ()
 
-    def reports(self, t_s: float, mode: Mode) -> None:
+    def reports(self, t_s: float, mode: FlightMode) -> None:
         self.state = self.state._replace(mode=mode, mode_name=mode.name, last_received_s=t_s)
         self._event(VehicleEvent(t_s, "mode", mode.name, mode=mode))
 
 
 def test_a_mode_that_was_there_between_two_ticks_only_is_judged(tmp_path: Path) -> None:
     """A radio that stalled delivers several heartbeats at once; the last is none of the others."""
-    plan = load_campaign(write_wall(tmp_path), Options(sets=("oracles.modes={}",))).runs[0]
+    plan = load_campaign(write_wall(tmp_path), ExpansionOptions(sets=("oracles.modes={}",))).runs[0]
     judge = build_judge(RunSetup.of(RunOrder(plan=plan, folder=tmp_path, clock="virtual")), {})
     run_state = RunState(time=lambda: 1.0)
     runner = OracleRunner(
@@ -62,7 +62,7 @@ def test_a_mode_that_was_there_between_two_ticks_only_is_judged(tmp_path: Path) 
     stages: tuple[Stage, ...] = ("takeoff", "at_height", "goal")
     for stage in stages:
         run_state.enter(stage)
-    for mode in (Mode.HOLD, Mode.GUIDED):
+    for mode in (FlightMode.HOLD, FlightMode.GUIDED):
         vehicle.reports(2.0, mode)
     runner.last_state(2.05)
     assert [(flag.oracle, flag.t_s) for flag in judge.flags] == [("modes", 2.0)]

@@ -11,16 +11,16 @@ from tests.faults.motion_capture import Alter, captured
 from tests.faults.relay import Change, Position, frozen, relay, stopped
 from tests.orchestrator.conftest import BRIEF, FEW_PICTURES, ROOT, NoCommands, vehicles_on
 from tests.orchestrator.wall import write_wall
-from wil_campaign.campaigns.expansion.expansion import Options, RunPlan, load_campaign
-from wil_campaign.foundation.files.document_writer import to_json, write_whole
+from wil_campaign.campaigns.expansion.expansion import ExpansionOptions, RunPlan, load_campaign
+from wil_campaign.foundation.files.document_writer import to_json, write_atomically
 from wil_campaign.orchestrator.campaign.reevaluation import judge_run_again
-from wil_campaign.orchestrator.run.flight.run import Disturb, fly
+from wil_campaign.orchestrator.run.flight.run import Disturb, fly_one_run
 from wil_campaign.orchestrator.run.judging.run_evidence import signal_terms
 from wil_campaign.orchestrator.run.judging.run_oracles import build_judge
 from wil_campaign.orchestrator.run_results.run_result import RunResult
 from wil_campaign.orchestrator.state.run_setup import RunOrder, RunSetup
 from wil_campaign.orchestrator.state.run_state import Stage
-from wil_campaign.vehicles.mavlink.framing import Frame
+from wil_campaign.vehicles.mavlink.framing import MavlinkFrame
 from wil_campaign.vehicles.readings import PoseReading
 from wil_campaign.worlds.frames import Pose
 
@@ -29,14 +29,14 @@ EXTENDED_SYS_STATE: int = mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE
 
 @pytest.fixture
 def plan(tmp_path: Path) -> RunPlan:
-    return load_campaign(write_wall(tmp_path), Options()).runs[0]
+    return load_campaign(write_wall(tmp_path), ExpansionOptions()).runs[0]
 
 
 def flown(plan: RunPlan, folder: Path, disturb: Disturb | None = None) -> RunResult:
     folder.mkdir()
     order = RunOrder(plan=plan, folder=folder, clock="virtual")
     with vehicles_on():
-        return fly(RunSetup.of(order), lambda _: None, NoCommands(), disturb=disturb)
+        return fly_one_run(RunSetup.of(order), lambda _: None, NoCommands(), disturb=disturb)
 
 
 def test_the_wall_is_touched(plan: RunPlan, tmp_path: Path) -> None:
@@ -76,11 +76,11 @@ TABLE = (
 def test_a_table_touched_while_landing_unseen_is_no_pass_and_judged_again_alike(
     tmp_path: Path, change: Callable[[], Change]
 ) -> None:
-    plan = load_campaign(write_wall(tmp_path), Options(sets=TABLE)).runs[0]
+    plan = load_campaign(write_wall(tmp_path), ExpansionOptions(sets=TABLE)).runs[0]
     folder = tmp_path / "run"
     result = flown(plan, folder, relay("twin", change(), stage="land", after_s=0.2))
     assert result.verdict == "INVALID"
-    write_whole(folder / "result.json", to_json(result))
+    write_atomically(folder / "result.json", to_json(result))
     assert judge_run_again(plan, folder).now == result
 
 
@@ -158,7 +158,7 @@ DARK = "links.twin={blackouts: [{on: goal, after_s: 1, for_s: 0.3}]}"
 def test_a_radio_is_held_to_its_rate_or_to_what_the_campaign_says(
     tmp_path: Path, sets: tuple[str, ...], verdict: str, limit_s: float
 ) -> None:
-    plan = load_campaign(write_wall(tmp_path), Options(sets=sets)).runs[0]
+    plan = load_campaign(write_wall(tmp_path), ExpansionOptions(sets=sets)).runs[0]
     result = flown(plan, tmp_path / "run")
     pose = result.evidence[0]
     assert (result.verdict, pose.verdict) == (verdict, verdict)
@@ -170,7 +170,7 @@ def test_a_radio_is_held_to_its_rate_or_to_what_the_campaign_says(
 def stepped(offset_m: float) -> Change:
     """Return a change that puts the estimate this far to the north, at once and for good."""
 
-    def change(frame: Frame) -> Iterable[tuple[float, bytes]]:
+    def change(frame: MavlinkFrame) -> Iterable[tuple[float, bytes]]:
         now = Position.of(frame)
         north_m, *others = now.values
         yield 0.0, Position(now.boot_ms, (north_m + offset_m, *others)).in_place_of(frame)
@@ -183,7 +183,7 @@ def test_a_vehicle_is_judged_by_its_simulator_whatever_its_estimate_does(
     tmp_path: Path, autopilot: str
 ) -> None:
     sets = ("vehicles.twin.pose_source=simulator", f"vehicles.twin.autopilot={autopilot}")
-    plan = load_campaign(write_wall(tmp_path), Options(sets=sets)).runs[0]
+    plan = load_campaign(write_wall(tmp_path), ExpansionOptions(sets=sets)).runs[0]
     disturb = relay("twin", stepped(1.5), stage="goal", after_s=0.5)
     result = flown(plan, tmp_path / "run", disturb)
     assert (result.verdict, result.reason) == ("FAIL", "twin touched wall.box")
@@ -194,7 +194,7 @@ def test_a_vehicle_is_judged_by_its_simulator_whatever_its_estimate_does(
 
 def test_an_estimate_in_another_place_altogether_is_no_evidence(tmp_path: Path) -> None:
     sets = ("vehicles.twin.pose_source=simulator",)
-    plan = load_campaign(write_wall(tmp_path), Options(sets=sets)).runs[0]
+    plan = load_campaign(write_wall(tmp_path), ExpansionOptions(sets=sets)).runs[0]
     disturb = relay("twin", stepped(9.0), stage="goal", after_s=0.5)
     result = flown(plan, tmp_path / "run", disturb)
     assert result.verdict == "INVALID"
@@ -207,7 +207,7 @@ def test_an_estimate_beside_a_simulator_is_not_held_to_its_velocity(
     tmp_path: Path, source: str, velocity_m_s: float | None
 ) -> None:
     sets = (f"vehicles.twin.pose_source={source}",)
-    plan = load_campaign(write_wall(tmp_path), Options(sets=sets)).runs[0]
+    plan = load_campaign(write_wall(tmp_path), ExpansionOptions(sets=sets)).runs[0]
     setup = RunSetup.of(RunOrder(plan=plan, folder=tmp_path, clock="virtual"))
     pose = next(iter(signal_terms(setup, ())))
     assert (pose.source, pose.on_grid) == (source, source == "simulator")
@@ -225,7 +225,9 @@ REPORTED = """{
 
 
 def test_reports_are_expected_where_an_oracle_judges_them_and_as_long(tmp_path: Path) -> None:
-    plan = load_campaign(write_wall(tmp_path), Options(sets=(f"oracles={REPORTED}",))).runs[0]
+    plan = load_campaign(
+        write_wall(tmp_path), ExpansionOptions(sets=(f"oracles={REPORTED}",))
+    ).runs[0]
     setup = RunSetup.of(RunOrder(plan=plan, folder=tmp_path, clock="virtual"))
     pose, *reports = signal_terms(setup, build_judge(setup, {}).oracles)
     assert (pose.signal, pose.required) == ("pose", True)
@@ -241,7 +243,7 @@ def test_reports_are_expected_where_an_oracle_judges_them_and_as_long(tmp_path: 
 def test_a_required_oracle_needs_the_poses_of_the_vehicles_that_it_watches_alone(
     tmp_path: Path,
 ) -> None:
-    options = Options(cases=("large",), modes=("wil",))
+    options = ExpansionOptions(cases=("large",), modes=("wil",))
     plan = load_campaign(ROOT / "campaigns" / "gate.yaml", options).runs[0]
     setup = RunSetup.of(RunOrder(plan=plan, folder=tmp_path, clock="virtual"))
     terms = signal_terms(setup, build_judge(setup, {}).oracles)

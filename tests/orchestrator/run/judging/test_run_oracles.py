@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from tests.orchestrator.wall import write_wall
-from wil_campaign.campaigns.expansion.expansion import Options, load_campaign
+from wil_campaign.campaigns.expansion.expansion import ExpansionOptions, load_campaign
 from wil_campaign.orchestrator.run.judging.run_oracles import build_judge
 from wil_campaign.orchestrator.state.run_setup import RunOrder, RunSetup
 from wil_campaign.safety.model.samples import PoseSample, StageSample
@@ -23,7 +23,7 @@ def test_a_clearance_is_judged_as_far_as_it_is_to_be_kept(
 ) -> None:
     """The wall's face stands at 2.95 m north, 2.15 m ahead of the body."""
     sets = (f"oracles={{clearance: {{min_m: {min_m}}}, landed: {{}}}}", BODY)
-    plan = load_campaign(write_wall(tmp_path), Options(sets=sets)).runs[0]
+    plan = load_campaign(write_wall(tmp_path), ExpansionOptions(sets=sets)).runs[0]
     judge = build_judge(RunSetup.of(RunOrder(plan=plan, folder=tmp_path, clock="virtual")), {})
     judge.stage(StageSample(0.0, "takeoff"))
     judge.stage(StageSample(0.5, "at_height"))
@@ -39,7 +39,7 @@ def test_contacts_are_judged_by_the_body_that_the_campaign_gives(
 ) -> None:
     """The wall's face stands 0.35 m ahead: within half of 1 m, and beyond half of 0.3 m."""
     sets = (f"vehicles.twin.body={{width_m: {width_m}, height_m: 0.2}}",)
-    plan = load_campaign(write_wall(tmp_path), Options(sets=sets)).runs[0]
+    plan = load_campaign(write_wall(tmp_path), ExpansionOptions(sets=sets)).runs[0]
     judge = build_judge(RunSetup.of(RunOrder(plan=plan, folder=tmp_path, clock="virtual")), {})
     judge.stage(StageSample(0.0, "takeoff"))
     judge.stage(StageSample(0.5, "at_height"))

@@ -6,10 +6,10 @@ from typing import Any
 
 import pytest
 
-from wil_campaign.orchestrator.run.judging.run_outcome import _unseen, reason_of
-from wil_campaign.orchestrator.run_results.run_result import also_of
+from wil_campaign.orchestrator.run.judging.run_outcome import _unseen, outcome_reason
+from wil_campaign.orchestrator.run_results.run_result import later_events_of
 from wil_campaign.safety.model.oracle_results import OracleResult
-from wil_campaign.safety.model.verdict import Decision, DecisiveEvent
+from wil_campaign.safety.model.verdict import DecisiveEvent, RunDecision
 
 
 def test_a_cut_list_of_events_ends_with_the_first_event_beyond_the_cut() -> None:
@@ -18,7 +18,7 @@ def test_a_cut_list_of_events_ends_with_the_first_event_beyond_the_cut() -> None
         DecisiveEvent(2.0 + at, kind, f"event {at}")  # type: ignore[arg-type]  # a kind's name
         for at, kind in enumerate(kinds)
     )
-    cut = also_of(Decision("FAIL", "touched", events))
+    cut = later_events_of(RunDecision("FAIL", "touched", events))
     assert [one.reason for one in cut[:49]] == [f"event {at}" for at in range(49)]
     assert (cut[49].verdict, cut[49].at_s) == ("INVALID", 51.0)
 
@@ -60,14 +60,14 @@ def test_a_named_object_that_no_mixture_had_in_view_is_unseen(
 def test_a_failure_before_the_autonomy_flew_is_not_taken_for_its_own(
     at_s: float, goal_s: float | None, source: str, said: str
 ) -> None:
-    decision = Decision("FAIL", "up", (), source, at_s=at_s)
-    assert reason_of(decision, "to the gate", (), goal_s=goal_s) == said
-    of_the_test = Decision("ERROR", "lost", (), source, at_s=at_s)
-    assert reason_of(of_the_test, "to the gate", (), goal_s=goal_s) == "lost"
+    decision = RunDecision("FAIL", "up", (), source, at_s=at_s)
+    assert outcome_reason(decision, "to the gate", (), goal_s=goal_s) == said
+    of_the_test = RunDecision("ERROR", "lost", (), source, at_s=at_s)
+    assert outcome_reason(of_the_test, "to the gate", (), goal_s=goal_s) == "lost"
 
 
 def test_an_oracle_that_is_at_its_worst_later_is_no_failure_before_the_autonomy_flew() -> None:
-    decision = Decision("FAIL", "1.2 m at worst", (), "altitude/real", at_s=5.0)
+    decision = RunDecision("FAIL", "1.2 m at worst", (), "altitude/real", at_s=5.0)
     worst = OracleResult("altitude", "real", True, "FAIL", 1.2, 0.4, "m", -0.8, 9.5)
-    assert "not begun" in reason_of(decision, "up", (replace(worst, at_s=5.0),), goal_s=9.0)
-    assert "last note was 'up'" in reason_of(decision, "up", (worst,), goal_s=9.0)
+    assert "not begun" in outcome_reason(decision, "up", (replace(worst, at_s=5.0),), goal_s=9.0)
+    assert "last note was 'up'" in outcome_reason(decision, "up", (worst,), goal_s=9.0)

@@ -18,8 +18,8 @@ from wil_campaign.campaigns.autonomies.straight import StraightAutonomy
 from wil_campaign.orchestrator.run.perception.autonomy_calls import (
     AutonomyFault,
     call_autonomy,
-    command_of,
-    require_run,
+    checked_command,
+    require_method_ran,
 )
 from wil_campaign.orchestrator.run_results.attempts import retry_due
 from wil_campaign.orchestrator.run_results.run_result import RunResult
@@ -187,14 +187,14 @@ def test_a_timer_of_other_code_goes_on() -> None:
 )
 def test_an_answer_that_no_vehicle_can_fly_is_a_fault(answer: object, said: str) -> None:
     with pytest.raises(AutonomyFault) as caught:
-        command_of(answer)
+        checked_command(answer)
     assert said in str(caught.value)
 
 
 def test_numbers_of_numpy_become_plain_ones() -> None:
     vector: Any = np.array([1.0, 2.0, 3.0], dtype=np.float32)
     turn: Any = np.float64(0.5)
-    command = command_of(Command(VelocitySetpoint(vector, turn), done=np.bool_(True)))  # type: ignore[arg-type]
+    command = checked_command(Command(VelocitySetpoint(vector, turn), done=np.bool_(True)))  # type: ignore[arg-type]
     assert command == Command(VelocitySetpoint((1.0, 2.0, 3.0), 0.5), done=True)
     assert type(command.setpoint) is VelocitySetpoint
     assert {type(x) for x in command.setpoint.velocity_ned_m_s} == {float}
@@ -202,7 +202,7 @@ def test_numbers_of_numpy_become_plain_ones() -> None:
 
 
 def test_a_note_is_one_short_line() -> None:
-    note = command_of(Command(STILL, note="a\nb\x1b" + "c" * 200)).note
+    note = checked_command(Command(STILL, note="a\nb\x1b" + "c" * 200)).note
     assert note.startswith("a?b?ccc")
     assert len(note) == 80
 
@@ -289,5 +289,5 @@ def perceives_lazily(_: object) -> Iterator[None]:
 def test_a_method_whose_body_does_not_run_is_a_fault(perceive: Callable[[object], object]) -> None:
     """Its vehicle would fly blind, and nobody would notice."""
     with pytest.raises(AutonomyFault, match="from perceive, whose body did not run: write a plain"):
-        require_run(perceive(None), "perceive")
-    require_run(7, "perceive")
+        require_method_ran(perceive(None), "perceive")
+    require_method_ran(7, "perceive")

@@ -13,7 +13,7 @@ from tests.orchestrator.flights import log_of
 from tests.recipes.samples import beam
 from wil_campaign.foundation.clocks.virtual_loop import run_virtual
 from wil_campaign.orchestrator.run.perception.mixing_budget import MixingBudgetWatch
-from wil_campaign.orchestrator.run.perception.perception import Perception, SensorSource
+from wil_campaign.orchestrator.run.perception.perception import PerceivedSensor, Perception
 from wil_campaign.orchestrator.run_results.run_result import RunResult
 from wil_campaign.orchestrator.state.run_state import RunState, Stage
 from wil_campaign.plugins.python.mcap_reader import RecordedReading, Recording
@@ -46,7 +46,7 @@ def last_s(stages: dict[Stage, float]) -> tuple[dict[str, float], list[Any]]:
         perception = Perception({}, run_state, budgets)
         perception.images_ended = lambda topics: ended.append((topics, loop.time()))
         for vehicle, sensor in (("real", "camera"), ("real", "live"), ("twin", "camera")):
-            source = SensorSource(vehicle, sensor, Ticks(), is_drawn=sensor == "camera")
+            source = PerceivedSensor(vehicle, sensor, Ticks(), is_drawn=sensor == "camera")
             source.takers.append(partial(take, f"{vehicle} {sensor}"))
             perception.sources.append(source)
         for stage, t_s in stages.items():

@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 
 from wil_campaign.orchestrator.run.perception.expected_views import ExpectedViews
-from wil_campaign.recipes.visibility.model import Virtual
+from wil_campaign.recipes.visibility.model import VirtualObjects
 from wil_campaign.worlds.camera import Intrinsics
 from wil_campaign.worlds.frames import Pose
 from wil_campaign.worlds.scene.scene import Scene, SceneObject
-from wil_campaign.worlds.scene.shapes import box
+from wil_campaign.worlds.scene.shapes import box_shape
 
 WALL_M = 3.0
 CAMERA = Intrinsics.from_fov(64, 48, math.radians(60.0))
-WALL = SceneObject(2, "wall", box((0.1, 9.0, 9.0)), Pose((WALL_M, 0.0, 0.0)))
+WALL = SceneObject(2, "wall", box_shape((0.1, 9.0, 9.0)), Pose((WALL_M, 0.0, 0.0)))
 
 
 @pytest.mark.parametrize(
@@ -26,7 +26,11 @@ def test_an_object_behind_a_real_surface_is_unknown(
     views = ExpectedViews(real=Scene(), virtual=Scene((WALL,)), events={})
     depth_m = None if real_m is None else np.full((48, 64), real_m, np.float32)
     expected = views.image(
-        Pose((0.0, 0.0, 0.0)), CAMERA, 0.0, virtual=Virtual({2: "wall"}), real_depth_m=depth_m
+        Pose((0.0, 0.0, 0.0)),
+        CAMERA,
+        0.0,
+        virtual=VirtualObjects({2: "wall"}),
+        real_depth_m=depth_m,
     )
     assert (expected.ids == 2).all()
     if unknown is None:

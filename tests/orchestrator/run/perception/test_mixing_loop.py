@@ -13,7 +13,7 @@ import pytest
 from tests.recipes.samples import beam, camera, sound
 from wil_campaign.foundation.clocks.sleeping import sleep_until
 from wil_campaign.foundation.clocks.virtual_loop import run_virtual
-from wil_campaign.foundation.files.documents import parse
+from wil_campaign.foundation.files.documents import parse_document
 from wil_campaign.orchestrator.run.perception.mixing_budget import MixingBudgetWatch
 from wil_campaign.orchestrator.run.perception.mixing_loop import (
     MixingLoop,
@@ -23,9 +23,9 @@ from wil_campaign.orchestrator.run.perception.mixing_loop import (
 from wil_campaign.orchestrator.state.mixtures import MixedFrame
 from wil_campaign.orchestrator.state.run_state import RunState
 from wil_campaign.recipes.language.recipe_document import load_recipe
-from wil_campaign.recipes.model.recipe import Budget
+from wil_campaign.recipes.model.recipe import MixingBudget
 from wil_campaign.recipes.pipeline.pipeline import compile_recipe
-from wil_campaign.recipes.visibility.coverage import Coverage
+from wil_campaign.recipes.visibility.coverage import VisibilityCoverage
 from wil_campaign.recipes.visibility.model import FrameVisibility, ObjectVisibility
 from wil_campaign.recipes.working import StepError
 from wil_campaign.vehicles.cameras.rendered_cameras import NoImageError
@@ -51,7 +51,9 @@ class Rig:
             f"schema: wil/recipe/1\nsensors: {{s: {{type: {sensor}}}}}\n"
             f"combine:\n  - {{sensor: s, {body}}}\n"
         )
-        (mixer,) = compile_recipe(load_recipe(parse(text.encode(), name="r.yaml")), object_ids={})
+        (mixer,) = compile_recipe(
+            load_recipe(parse_document(text.encode(), name="r.yaml")), object_ids={}
+        )
         self.frames: list[tuple[float, MixedFrame]] = []
         self.troubles: list[str] = []
         self.poses = PoseHistory(2.0)
@@ -733,7 +735,7 @@ def test_nothing_is_blamed_on_the_mixing_while_a_vehicle_is_silent() -> None:
 
 def seen_by(publish: str, **shown: bool) -> Any:
     """Return a mixing loop of which ten mixtures were measured, each with these objects in view."""
-    coverage = Coverage()
+    coverage = VisibilityCoverage()
     for k in range(10):
         objects = tuple(
             ObjectVisibility(name, True, 0.1, 1.0 if is_shown else 0.0, is_shown, None, 10.0, "px")
@@ -741,7 +743,7 @@ def seen_by(publish: str, **shown: bool) -> Any:
         )
         coverage.observe(FrameVisibility(k * 0.2, objects))
     mixer = SimpleNamespace(
-        publish=(publish,), combination=SimpleNamespace(budget=Budget(max_skew_s=0.02))
+        publish=(publish,), combination=SimpleNamespace(budget=MixingBudget(max_skew_s=0.02))
     )
     probe = SimpleNamespace(coverage=coverage, why_nothing=lambda: "")
     return SimpleNamespace(name=f"camera.{publish}", mixer=mixer, probe=probe)

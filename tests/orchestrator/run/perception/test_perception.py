@@ -9,13 +9,13 @@ from typing import Any
 import pytest
 
 from tests.orchestrator.conftest import SMALL_CAMERAS
-from wil_campaign.campaigns.expansion.expansion import Options, load_campaign
+from wil_campaign.campaigns.expansion.expansion import ExpansionOptions, load_campaign
 from wil_campaign.foundation.files.documents import BadInput
 from wil_campaign.orchestrator.recording.run_video import make_video
 from wil_campaign.orchestrator.run.perception import warm_up
 from wil_campaign.orchestrator.run_results.run_result import CombinationResult, RunResult
 from wil_campaign.orchestrator.state.run_setup import RunOrder, RunSetup
-from wil_campaign.plugins.offline.replay import replay
+from wil_campaign.plugins.offline.replay import replay_mixing
 from wil_campaign.plugins.python.mcap_reader import (
     RecordedProvenance,
     RecordedReading,
@@ -280,7 +280,7 @@ def test_an_object_of_other_cases_isolates_nothing(
     result, folder = fly_run(cameras=SMALL_CAMERAS, sets=sets)
     assert result.verdict != "ERROR", result.reason
     assert combination(result).frames > 0
-    report = replay(folder)
+    report = replay_mixing(folder)
     assert report.compared == combination(result).frames
     assert not report.diverges
 
@@ -338,9 +338,9 @@ def test_the_search_in_clouds_is_imported_before_the_flight(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, sets: tuple[str, ...]
 ) -> None:
     searched: list[int] = []
-    place = "wil_campaign.plugins.lidar.visibility.nearest_m"
+    place = "wil_campaign.plugins.lidar.visibility.nearest_point_distances_m"
     monkeypatch.setattr(place, lambda points, _: searched.append(len(points)))
-    options = Options(cases=("large",), modes=("sim",), sets=sets)
+    options = ExpansionOptions(cases=("large",), modes=("sim",), sets=sets)
     plan = load_campaign(ROOT / "campaigns" / "gate.yaml", options).runs[0]
     warm_up.warm_up(RunSetup.of(RunOrder(plan=plan, folder=tmp_path, clock="virtual")))
     assert searched == ([1] if sets else [])
@@ -349,4 +349,6 @@ def test_the_search_in_clouds_is_imported_before_the_flight(
 def test_a_recipe_that_wants_more_than_its_source_gives_is_refused(tmp_path: Path) -> None:
     text = GATE.replace("ALIGN", "hold").replace("SKEW", "60").replace("rate_hz: 15", "rate_hz: 30")
     with pytest.raises(BadInput, match="the real vehicle's 'camera' has a rate of 15 Hz"):
-        load_campaign(ROOT / "campaigns" / "gate.yaml", Options(sets=(recipe(tmp_path, text),)))
+        load_campaign(
+            ROOT / "campaigns" / "gate.yaml", ExpansionOptions(sets=(recipe(tmp_path, text),))
+        )

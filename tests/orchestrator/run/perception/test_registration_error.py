@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from wil_campaign.campaigns.expansion.expansion import Options, load_campaign
+from wil_campaign.campaigns.expansion.expansion import ExpansionOptions, load_campaign
 from wil_campaign.campaigns.setup.vehicle_setups import VehicleLink
 from wil_campaign.campaigns.values.external_setups import PoseAccuracy, PoseSource, SourceSetup
 from wil_campaign.campaigns.values.sensor_setups import CameraSetup
@@ -161,7 +161,7 @@ class Scene:
 
 @pytest.fixture
 def scene(tmp_path: Path) -> Scene:
-    campaign = load_campaign(ROOT / "campaigns" / "gate.yaml", Options(modes=("wil",)))
+    campaign = load_campaign(ROOT / "campaigns" / "gate.yaml", ExpansionOptions(modes=("wil",)))
     order = RunOrder(plan=campaign.runs[0], folder=tmp_path, clock="virtual")
     return Scene(RunSetup.of(order), Blind(), Blind())
 

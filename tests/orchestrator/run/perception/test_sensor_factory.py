@@ -12,7 +12,7 @@ import pytest
 
 from tests.orchestrator.conftest import ROOT
 from tests.recipes.samples import beam
-from wil_campaign.campaigns.expansion.expansion import Options, load_campaign
+from wil_campaign.campaigns.expansion.expansion import ExpansionOptions, load_campaign
 from wil_campaign.foundation.clocks.virtual_loop import Clock, run_virtual
 from wil_campaign.orchestrator.run.perception.sensor_factory import SensorFactory
 from wil_campaign.orchestrator.state.run_setup import RunOrder, RunSetup
@@ -52,7 +52,7 @@ async def sensed(factory: SensorFactory, setup: RunSetup, telemetry: Any) -> lis
 def setup_of(folder: Path, *sets: str, clock: Clock) -> RunSetup:
     """Return the set-up of a run whose real vehicle is known by its telemetry."""
     known = ("vehicles.real.link=udpin://127.0.0.1:14540", "vehicles.real.pose_source=mavlink")
-    options = Options(cases=("large",), modes=("wil",), sets=(*known, *sets))
+    options = ExpansionOptions(cases=("large",), modes=("wil",), sets=(*known, *sets))
     plan = load_campaign(ROOT / "campaigns" / "gate.yaml", options).runs[0]
     return RunSetup.of(RunOrder(plan=plan, folder=folder, clock=clock))
 
@@ -98,7 +98,7 @@ def test_the_rays_of_a_world_are_built_once_with_its_sensors_before_the_flight(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     built: list[Scene] = []
-    monkeypatch.setattr("wil_campaign.vehicles.sensors.world_views.RayCaster", built.append)
+    monkeypatch.setattr("wil_campaign.vehicles.sensors.world_views.SceneRayCaster", built.append)
     setup = setup_of(tmp_path, RANGE, SCAN, clock="wall")
     factory, vehicle = factory_of(setup, []), setup.vehicle("real")
     for sensor in vehicle.sensors:

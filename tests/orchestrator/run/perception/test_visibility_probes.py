@@ -9,18 +9,18 @@ import pytest
 
 from tests.orchestrator.conftest import ROOT
 from tests.recipes.samples import CAMERA, depth
-from wil_campaign.campaigns.expansion.expansion import Options, load_campaign
+from wil_campaign.campaigns.expansion.expansion import ExpansionOptions, load_campaign
 from wil_campaign.campaigns.values.sensor_setups import (
     CameraSetup,
     DepthSetup,
-    OtherSetup,
+    OtherSensorSetup,
     SensorSetup,
 )
 from wil_campaign.orchestrator.run.perception.visibility import (
-    Measured,
     MixtureViews,
+    VisibilityMeasurement,
     VisibilityProbe,
-    comparison_of,
+    visibility_comparison_of,
 )
 from wil_campaign.orchestrator.run.perception.visibility_probes import (
     VisibilityProbes,
@@ -29,10 +29,10 @@ from wil_campaign.orchestrator.run.perception.visibility_probes import (
 from wil_campaign.orchestrator.state.run_setup import RunOrder, RunSetup
 from wil_campaign.plugins.lidar.lidar_points import LidarPointsOptions
 from wil_campaign.plugins.lidar.rangefinder import RangefinderOptions
-from wil_campaign.plugins.lidar.visibility import reach_of
+from wil_campaign.plugins.lidar.visibility import lidar_reach_m
 from wil_campaign.recipes.language.recipe_files import load_recipe_file
 from wil_campaign.recipes.model.recipe import Combination
-from wil_campaign.recipes.visibility.model import ExpectedRanges, FrameVisibility, Virtual
+from wil_campaign.recipes.visibility.model import ExpectedRanges, FrameVisibility, VirtualObjects
 from wil_campaign.recipes.visibility.sampling import sampled_intrinsics
 from wil_campaign.vehicles.readings import LidarPointsReading, Reading
 from wil_campaign.vehicles.sensors.noise_sets import NoiseSetName
@@ -99,14 +99,14 @@ def test_a_recipe_may_show_more_than_it_has_to(
 STEREO = DepthSetup(name="depth", rate_hz=15, intrinsics=CAMERA, mount=CameraMount())
 
 
-def spinning(source: Any = None, **keys: Any) -> OtherSetup:
+def spinning(source: Any = None, **keys: Any) -> OtherSensorSetup:
     options = LidarPointsOptions(rate_hz=10.0, columns=36, rings=4, **keys)
-    return OtherSetup(kind="lidar_points", name="points", options=options, source=source)
+    return OtherSensorSetup(kind="lidar_points", name="points", options=options, source=source)
 
 
 SPINNING, NEAR = spinning(), spinning(range_max_m=8.0)
 AHEAD = RangefinderOptions(rate_hz=10.0, beam_deg=0.0, mount=MountPart())
-BELOW = OtherSetup(kind="rangefinder", name="range", options=AHEAD)
+BELOW = OtherSensorSetup(kind="rangefinder", name="range", options=AHEAD)
 
 
 def measured(folder: Path, sensor: SensorSetup, noise: NoiseSetName, at_m: float) -> Any:
@@ -123,11 +123,11 @@ def measured(folder: Path, sensor: SensorSetup, noise: NoiseSetName, at_m: float
         return ExpectedRanges(np.full(count, at_m), np.full(count, 2, np.uint8))
 
     views: Any = SimpleNamespace(depths=seen, ranges=seen)
-    parts = Measured(
+    parts = VisibilityMeasurement(
         combination=_combination(folder),
         real=sensor,
         twin=sensor,
-        virtual=Virtual({2: "gate"}),
+        virtual=VirtualObjects({2: "gate"}),
         views=views,
         body=lambda _: AT_ORIGIN,
         is_like=True,
@@ -137,7 +137,7 @@ def measured(folder: Path, sensor: SensorSetup, noise: NoiseSetName, at_m: float
     nothing: Reading = depth(np.inf)
     if sensor is not STEREO:
         nothing = LidarPointsReading(1.0, 1.0, 3, "mixed", np.zeros((0, 3), np.float32))
-    comparison = comparison_of(sensor.kind)
+    comparison = visibility_comparison_of(sensor.kind)
     assert comparison is not None
     probe = VisibilityProbe(parts, comparison=comparison, views=MixtureViews())
     found = probe._compare(nothing, nothing, AT_ORIGIN, 1.0)
@@ -174,10 +174,10 @@ def test_an_object_is_due_within_the_reach_of_the_twins_sensor(
 
 def test_a_lidar_with_a_source_of_its_own_has_the_reach_that_the_campaign_gives() -> None:
     source: Any = SimpleNamespace()
-    assert reach_of(spinning(source), "datasheet") == (0.0, np.inf)
+    assert lidar_reach_m(spinning(source), "datasheet") == (0.0, np.inf)
     given = spinning(source, range_min_m=1.0, range_max_m=200.0)
-    assert reach_of(given, "datasheet") == (1.0, 200.0)
-    assert reach_of(BELOW, "ideal") == (0.0, np.inf)
+    assert lidar_reach_m(given, "datasheet") == (1.0, 200.0)
+    assert lidar_reach_m(BELOW, "ideal") == (0.0, np.inf)
 
 
 SEEING = CameraSetup(name="camera", rate_hz=15, intrinsics=CAMERA, mount=CameraMount())
@@ -188,11 +188,11 @@ def test_the_rays_of_a_probe_that_casts_some_are_built_before_the_flight(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, sensor: SensorSetup
 ) -> None:
     built: list[Scene] = []
-    monkeypatch.setattr("wil_campaign.vehicles.sensors.world_views.RayCaster", built.append)
+    monkeypatch.setattr("wil_campaign.vehicles.sensors.world_views.SceneRayCaster", built.append)
     text = RECIPE.replace("filter: [FILTER]", "").replace("camera", sensor.kind)
     text = text.replace("{overlay: {priority: [twin, real]}}", "replace")
     (tmp_path / "recipe.yaml").write_text(text)
-    options = Options(cases=("large",), modes=("wil",))
+    options = ExpansionOptions(cases=("large",), modes=("wil",))
     plan = load_campaign(ROOT / "campaigns" / "gate.yaml", options).runs[0]
     context: Any = SimpleNamespace(pose_source="mocap", truth=None, poses=None)
     nothing: Any = SimpleNamespace(stage="goal", cameras={}, simulators={})

@@ -8,36 +8,36 @@ import pytest
 
 from tests.orchestrator.conftest import ROOT
 from tests.recipes.samples import CAMERA
-from wil_campaign.campaigns.expansion.expansion import Options, load_campaign
+from wil_campaign.campaigns.expansion.expansion import ExpansionOptions, load_campaign
 from wil_campaign.campaigns.values.sensor_setups import (
     CameraSetup,
     DepthSetup,
-    OtherSetup,
+    OtherSensorSetup,
     SensorSetup,
 )
 from wil_campaign.orchestrator.run.perception import warm_up
 from wil_campaign.orchestrator.state.run_setup import RunOrder, RunSetup
 from wil_campaign.plugins.lidar.rangefinder import RangefinderOptions
 from wil_campaign.vehicles.embedded.emulations import load_kernels
-from wil_campaign.vehicles.embedded.physics.motion_kernel import estimate
+from wil_campaign.vehicles.embedded.physics.motion_kernel import estimate_motion
 from wil_campaign.worlds import jit
 from wil_campaign.worlds.camera import CameraMount
-from wil_campaign.worlds.clearance.surfaces import surface_distance, swept_beyond
+from wil_campaign.worlds.clearance.surfaces import is_swept_beyond, surface_distance
 from wil_campaign.worlds.frames import AT_ORIGIN, Pose, Vec3
-from wil_campaign.worlds.scene.parts import Part, SurfaceShape
+from wil_campaign.worlds.scene.parts import SolidPart, SurfaceShape
 from wil_campaign.worlds.scene.scene import Scene, SceneObject
-from wil_campaign.worlds.scene.shapes import Shape, box
+from wil_campaign.worlds.scene.shapes import Shape, box_shape
 
 
 def test_a_kernel_is_cached_once_it_was_compiled(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     load_kernels()
-    assert jit.is_cached(estimate)
+    assert jit.is_kernel_cached(estimate_motion)
     monkeypatch.setattr(jit, "cache_folder", lambda _: tmp_path)
-    assert not jit.is_cached(estimate)
+    assert not jit.is_kernel_cached(estimate_motion)
     monkeypatch.setattr(jit, "cache_folder", lambda _: None)
-    assert not jit.is_cached(estimate)
+    assert not jit.is_kernel_cached(estimate_motion)
 
 
 @pytest.mark.parametrize(
@@ -55,7 +55,7 @@ def test_the_run_server_compiles_nothing(
     monkeypatch: pytest.MonkeyPatch, kept: tuple[str, ...]
 ) -> None:
     loaded: list[str] = []
-    monkeypatch.setattr(warm_up, "is_cached", lambda kernel: kernel.__name__ in kept)
+    monkeypatch.setattr(warm_up, "is_kernel_cached", lambda kernel: kernel.__name__ in kept)
     monkeypatch.setattr(warm_up, "load_kernels", lambda: loaded.append("estimate"))
     monkeypatch.setattr(warm_up, "load_rendering", lambda: loaded.append("rendering"))
     warm_up.load_kept_kernels()
@@ -64,7 +64,7 @@ def test_the_run_server_compiles_nothing(
 
 
 def setup_of_gate(folder: Path) -> RunSetup:
-    options = Options(cases=("large",), modes=("sim",))
+    options = ExpansionOptions(cases=("large",), modes=("sim",))
     plan = load_campaign(ROOT / "campaigns" / "gate.yaml", options).runs[0]
     return RunSetup.of(RunOrder(plan=plan, folder=folder, clock="virtual"))
 
@@ -74,7 +74,7 @@ def setup_of_gate(folder: Path) -> RunSetup:
     [
         (CameraSetup(name="camera", rate_hz=15, intrinsics=CAMERA, mount=CameraMount()), True),
         (DepthSetup(name="depth", rate_hz=15, intrinsics=CAMERA, mount=CameraMount()), True),
-        (OtherSetup(kind="rangefinder", name="range", options=RangefinderOptions()), False),
+        (OtherSensorSetup(kind="rangefinder", name="range", options=RangefinderOptions()), False),
     ],
     ids=["camera", "depth", "range"],
 )
@@ -96,7 +96,7 @@ def test_the_kernels_that_measure_a_mesh_are_loaded_before_the_flight(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, at: Vec3
 ) -> None:
     called: set[str] = set()
-    kernels: tuple[Any, ...] = (surface_distance, swept_beyond)
+    kernels: tuple[Any, ...] = (surface_distance, is_swept_beyond)
     for kernel in kernels:
 
         def watched(*arguments: Any, kernel: Any = kernel) -> Any:
@@ -104,9 +104,9 @@ def test_the_kernels_that_measure_a_mesh_are_loaded_before_the_flight(
             return kernel(*arguments)
 
         monkeypatch.setattr(f"wil_campaign.worlds.clearance.distance.{kernel.__name__}", watched)
-    mesh = box((1.0, 1.0, 1.0)).mesh
+    mesh = box_shape((1.0, 1.0, 1.0)).mesh
     surface = SurfaceShape(mesh.vertices_m, mesh.faces)
-    shape = Shape("mesh", mesh, (Part("surface", surface, AT_ORIGIN),))
+    shape = Shape("mesh", mesh, (SolidPart("surface", surface, AT_ORIGIN),))
     scene = Scene((SceneObject(1, "mesh", shape, Pose(at)),))
     warm_up.warm_up(replace(setup_of_gate(tmp_path), virtual_scene=scene))
     assert called == {"surface_distance", "swept_beyond"}

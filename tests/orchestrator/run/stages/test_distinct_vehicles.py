@@ -6,8 +6,8 @@ from typing import Any
 import pytest
 
 from tests.orchestrator.conftest import BRIEF, Fly
-from wil_campaign.orchestrator.run.stages.distinct_vehicles import require_distinct
-from wil_campaign.orchestrator.run.vehicles.pair import Pair
+from wil_campaign.orchestrator.run.stages.distinct_vehicles import require_distinct_vehicles
+from wil_campaign.orchestrator.run.vehicles.pair import VehiclePair
 from wil_campaign.orchestrator.state.run_state import FlightError, RunState
 
 
@@ -27,11 +27,11 @@ def contexts(*uids: str) -> Any:
 )
 def test_one_board_on_two_links_is_refused(uids: tuple[str, ...], same: str) -> None:
     with pytest.raises(FlightError, match=f"{same} are the same vehicle.*uid 3132"):
-        require_distinct(contexts(*uids))
+        require_distinct_vehicles(contexts(*uids))
 
 
 def test_two_boards_on_two_links_are_accepted() -> None:
-    require_distinct(contexts("3132", "77", "78"))
+    require_distinct_vehicles(contexts("3132", "77", "78"))
 
 
 def test_a_pair_that_is_one_vehicle_never_arms(
@@ -39,7 +39,7 @@ def test_a_pair_that_is_one_vehicle_never_arms(
 ) -> None:
     """Embedded vehicles share a uid, and are told apart for they have no board."""
 
-    def as_one_board(pair: Pair, _: RunState) -> None:
+    def as_one_board(pair: VehiclePair, _: RunState) -> None:
         real, twin = (context.driver for context in pair.contexts)
         one = SimpleNamespace(simulation=False, uid="3132")
         for driver in (real, twin):

@@ -5,7 +5,7 @@ from collections.abc import Awaitable, Callable
 import pytest
 
 from wil_campaign.foundation.clocks.virtual_loop import run_virtual
-from wil_campaign.orchestrator.run.stages.drop_outs import unless_out
+from wil_campaign.orchestrator.run.stages.drop_outs import unless_dropped_out
 from wil_campaign.orchestrator.state.run_state import RunState
 from wil_campaign.vehicles.errors import VehicleError
 
@@ -29,7 +29,7 @@ async def timed_out(run_state: RunState) -> None:
 
 def do_with_twin(do: Do, *, repeated: bool) -> RunState:
     run_state = RunState(time=lambda: 0.0)
-    run_virtual(unless_out("twin", run_state, lambda: do(run_state), repeated=repeated))
+    run_virtual(unless_dropped_out("twin", run_state, lambda: do(run_state), repeated=repeated))
     return run_state
 
 

@@ -6,7 +6,7 @@ from typing import Any, cast
 
 import pytest
 
-from wil_campaign.foundation.clocks.virtual_loop import run_on
+from wil_campaign.foundation.clocks.virtual_loop import run_on_clock
 from wil_campaign.orchestrator.run.stages.goal_flight import GoalFlight
 from wil_campaign.orchestrator.state.run_state import RunState
 
@@ -54,7 +54,7 @@ async def flown(
 
 
 def on_virtual_time(flight: Coroutine[Any, Any, Any]) -> Any:
-    return run_on("virtual", flight)
+    return run_on_clock("virtual", flight)
 
 
 @pytest.mark.parametrize(

@@ -10,13 +10,13 @@ import pytest
 from tests.orchestrator.flights import all_landed
 from tests.orchestrator.run.flight.test_run import at_stage
 from wil_campaign.foundation.clocks.virtual_loop import run_virtual
-from wil_campaign.foundation.tasks import start
-from wil_campaign.orchestrator.run.flight.conduct import _finish, bring_down
+from wil_campaign.foundation.tasks import start_task
+from wil_campaign.orchestrator.run.flight.conduct import _finish, bring_vehicles_down
 from wil_campaign.orchestrator.run_results.run_result import RunResult
 from wil_campaign.orchestrator.state.run_state import RunState, Stage
 from wil_campaign.safety.guard.core.commands import BringDown
-from wil_campaign.safety.guard.core.contingency import Phase
-from wil_campaign.vehicles.mavlink.codec import Codec
+from wil_campaign.safety.guard.core.contingency import ContingencyPhase
+from wil_campaign.vehicles.mavlink.codec import MavlinkCodec
 
 Fly = Callable[..., tuple[RunResult, Path]]
 
@@ -27,7 +27,7 @@ def says_it_is_disarmed(pair: Any) -> None:
     Its sequence number is not the vehicle's next one: it is a frame of another sender.
     """
     for vehicle in pair.vehicles.values():
-        codec = Codec(system_id=vehicle.config.system_id, component_id=1)
+        codec = MavlinkCodec(system_id=vehicle.config.system_id, component_id=1)
         beat = vehicle.autopilot._heartbeat()
         beat.base_mode &= 0x7F
         vehicle._link.write(codec.pack(beat))
@@ -57,7 +57,10 @@ class Guard:
 
     def __init__(self, *, downs: bool = True) -> None:
         self._downs = downs
-        self.phases = {"real": Phase.DOWN, "twin": Phase.DOWN if downs else Phase.DESCEND}
+        self.phases = {
+            "real": ContingencyPhase.DOWN,
+            "twin": ContingencyPhase.DOWN if downs else ContingencyPhase.DESCEND,
+        }
         """twin stands for any vehicle, also an attached one."""
 
     def send(self, command: BringDown) -> None:
@@ -92,7 +95,7 @@ def test_a_vehicle_that_the_guard_brings_down_enters_the_stages_of_landing(
     for stage in entered:
         run_state.enter(stage)
     pair = flown_pair(Guard(), armed=(False,))
-    run_virtual(bring_down(pair, run_state))
+    run_virtual(bring_vehicles_down(pair, run_state))
     assert list(run_state.entered_s) == ["start", *entered, *after]
     assert pair.guard.reason == "the flight was not completed"
 
@@ -100,14 +103,16 @@ def test_a_vehicle_that_the_guard_brings_down_enters_the_stages_of_landing(
 def test_a_pair_of_which_one_is_still_armed_has_not_landed() -> None:
     run_state = RunState(time=lambda: 0.0)
     run_state.enter("takeoff")
-    run_virtual(bring_down(flown_pair(Guard(), armed=(False, True)), run_state))
+    run_virtual(bring_vehicles_down(flown_pair(Guard(), armed=(False, True)), run_state))
     assert not run_state.reached("landed")
 
 
 def test_a_vehicle_that_the_guard_cannot_land_is_an_error() -> None:
     run_state = RunState(time=lambda: 0.0)
     run_state.enter("takeoff")
-    run_virtual(bring_down(flown_pair(Guard(downs=False), armed=(False, False)), run_state))
+    run_virtual(
+        bring_vehicles_down(flown_pair(Guard(downs=False), armed=(False, False)), run_state)
+    )
     (decided,) = run_state.decisive
     assert decided.kind == "ERROR"
     assert decided.text == "not down 60 s after the guard took over: real (down), twin (descending)"
@@ -140,7 +145,7 @@ def test_a_vehicle_that_may_still_be_in_the_air_is_not_configured(
                 restore=restore, configuration=SimpleNamespace(fetch_logs=nothing)
             ),
         )
-        await _finish(run, start(nothing(), name="flight"))
+        await _finish(run, start_task(nothing(), name="flight"))
 
     run_virtual(scenario())
     assert given == [restored]

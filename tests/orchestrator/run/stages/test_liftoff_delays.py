@@ -4,24 +4,27 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from wil_campaign.orchestrator.run.stages.liftoff_delays import LiftoffDelays, staggers_s
+from wil_campaign.orchestrator.run.stages.liftoff_delays import LiftoffDelays, takeoff_staggers_s
 
 
 def test_the_slowest_is_commanded_at_once_and_the_others_by_so_much_later() -> None:
-    assert staggers_s({"real": 2.9, "twin": 1.4}, ["real", "twin"]) == pytest.approx(
+    assert takeoff_staggers_s({"real": 2.9, "twin": 1.4}, ["real", "twin"]) == pytest.approx(
         {"real": 0.0, "twin": 1.5}
     )
-    assert staggers_s({"real": 2.9, "twin": 2.9}, ["real", "twin"]) == {"real": 0.0, "twin": 0.0}
+    assert takeoff_staggers_s({"real": 2.9, "twin": 2.9}, ["real", "twin"]) == {
+        "real": 0.0,
+        "twin": 0.0,
+    }
 
 
 def test_a_vehicle_that_is_alone_or_commanded_together_waits_for_none() -> None:
-    assert staggers_s({"real": 1.4, "twin": 9.0}, ["real"]) == {"real": 0.0}
-    assert staggers_s({}, ["real", "twin"]) == {"real": 0.0, "twin": 0.0}
+    assert takeoff_staggers_s({"real": 1.4, "twin": 9.0}, ["real"]) == {"real": 0.0}
+    assert takeoff_staggers_s({}, ["real", "twin"]) == {"real": 0.0, "twin": 0.0}
 
 
 @given(st.dictionaries(st.sampled_from("abc"), st.floats(0.0, 60.0), min_size=1))
 def test_all_lift_together_unless_one_would_be_disarmed_meanwhile(delays: dict[str, float]) -> None:
-    waits = staggers_s(delays, delays)
+    waits = takeoff_staggers_s(delays, delays)
     assert min(waits.values()) == 0.0
     assert max(waits.values()) <= 5.0
     lifted = [waits[name] + delays[name] for name in delays if waits[name] < 5.0]

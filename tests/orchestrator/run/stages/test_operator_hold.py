@@ -10,7 +10,7 @@ import pytest
 from tests.orchestrator.conftest import BRIEF
 from tests.orchestrator.flights import all_landed, log_of
 from wil_campaign.orchestrator.run.stages.operator_hold import OperatorHold
-from wil_campaign.orchestrator.run.vehicles.pair import Pair
+from wil_campaign.orchestrator.run.vehicles.pair import VehiclePair
 from wil_campaign.orchestrator.run_results.run_result import RunResult
 from wil_campaign.orchestrator.state.run_state import RunState, Stage
 from wil_campaign.safety.guard.core.events import GuardEvent
@@ -28,7 +28,7 @@ class Operator:
         self._script = list(script)
         self._since_s: float | None = None
 
-    def __call__(self, pair: Pair, run_state: RunState) -> None:
+    def __call__(self, pair: VehiclePair, run_state: RunState) -> None:
         def entered(name: Stage, t_s: float) -> None:
             if name == self._stage and self._since_s is None:
                 self._since_s = t_s

@@ -9,7 +9,7 @@ import pytest
 from tests.orchestrator.conftest import STEP
 from tests.orchestrator.flights import all_landed, log_of, rows_of
 from tests.orchestrator.run.flight.test_run import at_stage
-from wil_campaign.orchestrator.run.vehicles.pair import Pair
+from wil_campaign.orchestrator.run.vehicles.pair import VehiclePair
 from wil_campaign.orchestrator.run_results.result_parts import TwinResult
 from wil_campaign.orchestrator.run_results.run_result import RunResult
 from wil_campaign.orchestrator.state.run_state import RunState
@@ -24,7 +24,7 @@ TWIN_BOX = "geofence.twin={box: {north_m: [-0.8, 3.2], east_m: [-2.7, 2.7], up_m
 def flies_at(factor: float) -> Any:
     """Return a disturbance by which the twin flies its velocity setpoints so many times as fast."""
 
-    def disturb(pair: Pair, run_state: RunState) -> None:
+    def disturb(pair: VehiclePair, run_state: RunState) -> None:
         driver: Any = next(context.driver for context in pair.contexts if context.name == "twin")
         send = driver.send
 
@@ -112,7 +112,7 @@ def test_a_twin_that_leaves_its_fence_lands_alone(fly_run: Fly) -> None:
 
 
 def test_a_twin_that_dies_in_flight_is_reported(fly_run: Fly) -> None:
-    def kill(pair: Pair) -> None:
+    def kill(pair: VehiclePair) -> None:
         twin: Any = pair.vehicles["twin"]
         twin.kill()
 
@@ -124,7 +124,7 @@ def test_a_twin_that_dies_in_flight_is_reported(fly_run: Fly) -> None:
 
 
 def test_a_dead_twin_of_which_the_mixture_is_made_is_invalid(fly_run: Fly) -> None:
-    def kill(pair: Pair) -> None:
+    def kill(pair: VehiclePair) -> None:
         twin: Any = pair.vehicles["twin"]
         twin.kill()
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from wil_campaign.foundation.clocks.virtual_loop import run_on
+from wil_campaign.foundation.clocks.virtual_loop import run_on_clock
 from wil_campaign.orchestrator.run.stages.twin_monitor import TwinMonitor
 from wil_campaign.orchestrator.state.run_state import RunState, Stage
 from wil_campaign.vehicles.poses.pose_history import PoseHistory
@@ -65,7 +65,7 @@ def flown(
     async def main() -> None:
         found.append(await _fly(late_s, apart_m, gap_s, silent_s, but_at_s))
 
-    run_on("virtual", main())
+    run_on_clock("virtual", main())
     return found[0]
 
 

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from tests.orchestrator.conftest import ROOT, Fly
-from wil_campaign.campaigns.expansion.expansion import Options, load_campaign
+from wil_campaign.campaigns.expansion.expansion import ExpansionOptions, load_campaign
 from wil_campaign.orchestrator.run.vehicles.vehicle_backends import SubprocessBackend
 from wil_campaign.orchestrator.state.run_setup import RunOrder, RunSetup
 from wil_campaign.vehicles.embedded.physics import plant
@@ -24,7 +24,7 @@ def test_a_pair_without_jsbsim_passes(fly_run: Fly, monkeypatch: pytest.MonkeyPa
 
 def test_vehicles_in_processes_of_their_own_get_it(tmp_path: Path) -> None:
     file = ROOT / "campaigns" / "gate.yaml"
-    options = Options(cases=("large",), modes=("wil",), sets=COMPILED[1:])
+    options = ExpansionOptions(cases=("large",), modes=("wil",), sets=COMPILED[1:])
     plan = load_campaign(file, options).runs[0]
     setup = RunSetup.of(RunOrder(plan=plan, folder=tmp_path, clock="wall"))
     guard: Any = SimpleNamespace(port=lambda _: 14550)

@@ -7,7 +7,7 @@ from typing import Any, cast
 import pytest
 
 from tests.orchestrator.wall import CAMPAIGN, write_wall
-from wil_campaign.campaigns.expansion.expansion import Options, load_campaign
+from wil_campaign.campaigns.expansion.expansion import ExpansionOptions, load_campaign
 from wil_campaign.orchestrator.run.vehicles.vehicle_backends import (
     InProcessBackend,
     SubprocessBackend,
@@ -33,7 +33,7 @@ def real_setup(folder: Path, **vehicle: object) -> RunSetup:
     text = CAMPAIGN.replace("{twin: {link: embedded, autopilot: ardupilot}}", f"{{real: {given}}}")
     text = text.replace("modes: [sim]", "modes: [real]")
     path.write_text(text.replace("{landed: {}}", "{landed: {}, collision: {ground: [pad]}}"))
-    plan = load_campaign(path, Options()).runs[0]
+    plan = load_campaign(path, ExpansionOptions()).runs[0]
     return RunSetup.of(RunOrder(plan=plan, folder=folder, clock="virtual"))
 
 

@@ -8,7 +8,7 @@ import shapely
 from wil_campaign.orchestrator.run.vehicles.onboard_fences import onboard_fence_of
 from wil_campaign.safety.fence.areas import Area, Circle, Polygon
 from wil_campaign.safety.fence.geofence import Fence
-from wil_campaign.vehicles.mavlink.fence_areas import FencePolygon, Place
+from wil_campaign.vehicles.mavlink.fence_areas import FencePlace, FencePolygon
 
 CIRCLE = Circle((0.0, 0.0), 100.0)
 BESIDE: dict[str, Area] = {
@@ -39,5 +39,5 @@ def test_a_circle_that_is_joined_with_another_area_loses_no_ground(
     assert -shape.bounds[0] < 1.01 * (CIRCLE.radius_m + margin_m)
 
 
-def _identity(point_m: tuple[float, float]) -> Place:
-    return Place(*point_m)
+def _identity(point_m: tuple[float, float]) -> FencePlace:
+    return FencePlace(*point_m)

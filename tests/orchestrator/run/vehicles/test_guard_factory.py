@@ -7,7 +7,7 @@ from typing import Any, cast
 
 from tests.orchestrator.conftest import ROOT
 from tests.orchestrator.sitl_programs import make_arducopter
-from wil_campaign.campaigns.expansion.expansion import Options, load_campaign
+from wil_campaign.campaigns.expansion.expansion import ExpansionOptions, load_campaign
 from wil_campaign.foundation.clocks.virtual_loop import run_virtual
 from wil_campaign.orchestrator.run.vehicles import pair
 from wil_campaign.orchestrator.run.vehicles.guard_factory import HANGING_S, guard_of
@@ -23,7 +23,7 @@ from wil_campaign.worlds.frames import AT_ORIGIN
 
 
 def gate_setup(folder: Path, clock: str, *sets: str) -> RunSetup:
-    options = Options(cases=("large",), modes=("wil",), sets=sets)
+    options = ExpansionOptions(cases=("large",), modes=("wil",), sets=sets)
     plan = load_campaign(ROOT / "campaigns" / "gate.yaml", options).runs[0]
     return RunSetup.of(RunOrder(plan=plan, folder=folder, clock=cast("Any", clock)))
 

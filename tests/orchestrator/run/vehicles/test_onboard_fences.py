@@ -9,11 +9,11 @@ import pytest
 
 from tests.orchestrator.conftest import BRIEF, ROOT
 from tests.orchestrator.flights import all_landed, log_of
-from wil_campaign.campaigns.expansion.expansion import Options, load_campaign
-from wil_campaign.foundation.files.document_writer import to_json, write_whole
+from wil_campaign.campaigns.expansion.expansion import ExpansionOptions, load_campaign
+from wil_campaign.foundation.files.document_writer import to_json, write_atomically
 from wil_campaign.orchestrator.campaign.reevaluation import judge_run_again
-from wil_campaign.orchestrator.operator.run_messages import Happening, News
-from wil_campaign.orchestrator.run.vehicles.pair import Pair
+from wil_campaign.orchestrator.operator.run_messages import News, RunEventReport
+from wil_campaign.orchestrator.run.vehicles.pair import VehiclePair
 from wil_campaign.orchestrator.run_results.run_result import RunResult
 from wil_campaign.orchestrator.state.run_state import RunState, Stage
 from wil_campaign.safety.guard.core.commands import StartOutage
@@ -41,12 +41,12 @@ class Operator:
     def __init__(self, *script: tuple[float, OperatorCommand]) -> None:
         self._script = list(script)
         self._since_s: float | None = None
-        self._pair: Pair | None = None
+        self._pair: VehiclePair | None = None
         self.answers: list[tuple[float, str, str]] = []
         self.aboard: list[Mapping[str, tuple[int, float]]] = []
-        self.on_goal: Callable[[Pair], None] = lambda _: None
+        self.on_goal: Callable[[VehiclePair], None] = lambda _: None
 
-    def __call__(self, pair: Pair, run_state: RunState) -> None:
+    def __call__(self, pair: VehiclePair, run_state: RunState) -> None:
         def entered(name: Stage, t_s: float) -> None:
             if name == "goal":
                 self._since_s = t_s
@@ -64,7 +64,7 @@ class Operator:
         return self._script.pop(0)[1]
 
     def hear(self, news: News) -> None:
-        if isinstance(news, Happening) and news.kind == "answer" and self._since_s is not None:
+        if isinstance(news, RunEventReport) and news.kind == "answer" and self._since_s is not None:
             self.answers.append((news.t_s - self._since_s, news.word, news.text))
 
 
@@ -125,8 +125,8 @@ def test_it_is_judged_again_by_the_fence_that_held_then(fly_run: Fly) -> None:
     result, folder = fly_run(mode="sim", sets=small, **given)
     assert (result.verdict, result.reason) == ("PASS", "")
     assert [(one.by, one.vehicles) for one in result.fence_changes] == [("anna", ("twin",))]
-    write_whole(folder / "result.json", to_json(result))
-    options = Options(cases=("large",), modes=("sim",), sets=small)
+    write_atomically(folder / "result.json", to_json(result))
+    options = ExpansionOptions(cases=("large",), modes=("sim",), sets=small)
     plan = load_campaign(ROOT / "campaigns" / "gate.yaml", options).runs[0]
     rejudged = judge_run_again(plan, folder)
     assert rejudged.before == rejudged.now == result
@@ -190,7 +190,7 @@ def test_an_outage_that_does_not_end_leaves_the_old_fence(fly_run: Fly) -> None:
     assert all_landed(folder)
 
 
-def go_dark(pair: Pair, after_s: float, for_s: float) -> None:
+def go_dark(pair: VehiclePair, after_s: float, for_s: float) -> None:
     asyncio.get_running_loop().call_later(after_s, pair.guard.send, StartOutage("twin", for_s))
 
 
@@ -251,7 +251,7 @@ def test_a_lower_ceiling_lowers_the_way_home(fly_run: Fly) -> None:
     low = "box: {north_m: [-0.9, 4.7], east_m: [-1.8, 1.8], up_m: [-0.5, 1.7]}"
     operator = Operator((0.5, asks(low)))
 
-    def look_later(pair: Pair) -> None:
+    def look_later(pair: VehiclePair) -> None:
         for after_s in (0.0, 3.0):
             loop = asyncio.get_running_loop()
             loop.call_later(after_s, lambda: heights.append(returns_at(pair)))
@@ -265,7 +265,7 @@ def test_a_lower_ceiling_lowers_the_way_home(fly_run: Fly) -> None:
 CHECKED = ("vehicles.twin.params={NAV_DLL_ACT: 3, RTL_RETURN_ALT: 2.2}",)
 
 
-def returns_at(pair: Pair) -> float:
+def returns_at(pair: VehiclePair) -> float:
     vehicle = pair.vehicles["twin"]
     assert isinstance(vehicle, EmbeddedVehicle)
     return float(vehicle.autopilot.parameters["RTL_RETURN_ALT"])
@@ -275,7 +275,7 @@ def test_nothing_is_uploaded_where_the_campaign_says_so(fly_run: Fly) -> None:
     operator = Operator((0.5, asks(TIGHTER)))
     counted: list[int] = []
 
-    def listen(pair: Pair) -> None:
+    def listen(pair: VehiclePair) -> None:
         splitter = FrameSplitter()
         write = pair.links["twin"].write
 

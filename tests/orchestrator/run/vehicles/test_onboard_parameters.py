@@ -34,7 +34,7 @@ from wil_campaign.vehicles.embedded.profile import load_profile
 from wil_campaign.vehicles.embedded.vehicle import EmbeddedVehicle
 from wil_campaign.vehicles.links.link_strings import parse_link
 from wil_campaign.vehicles.links.memory import memory_pair
-from wil_campaign.vehicles.mavlink.fence_areas import FenceCircle, Place
+from wil_campaign.vehicles.mavlink.fence_areas import FenceCircle, FencePlace
 from wil_campaign.worlds.frames import AT_ORIGIN
 
 OBSTACLES = InjectionSetup(thing="obstacle_distance", to=("real",), sensor="lidar")
@@ -233,7 +233,7 @@ def test_an_attached_vehicle_has_its_own_fence_again(autopilot: str, settled: bo
         driver = rig.context.driver
         await driver.ready(90.0)
         where = driver.place_of((0.0, 0.0, 0.0))
-        circle = FenceCircle(Place(where.latitude_deg, where.longitude_deg), 40.0)
+        circle = FenceCircle(FencePlace(where.latitude_deg, where.longitude_deg), 40.0)
         fences = driver.onboard.fences
         await fences.upload((FenceCircle(circle.centre, 20.0),))
         of_killed_run = await fences.items()

@@ -7,7 +7,7 @@ from typing import Any, cast
 import pytest
 
 from tests.orchestrator.conftest import ROOT
-from wil_campaign.campaigns.expansion.expansion import Options, load_campaign
+from wil_campaign.campaigns.expansion.expansion import ExpansionOptions, load_campaign
 from wil_campaign.campaigns.setup.vehicle_setups import FlownSetup
 from wil_campaign.orchestrator.external.motion_captures import MotionCaptures
 from wil_campaign.orchestrator.run.vehicles import pair
@@ -33,7 +33,7 @@ class Backend:
 async def test_all_vehicles_are_begun_before_one_is_waited_for(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    options = Options(cases=("large",), modes=("wil",))
+    options = ExpansionOptions(cases=("large",), modes=("wil",))
     plan = load_campaign(ROOT / "campaigns" / "gate.yaml", options).runs[0]
     setup = RunSetup.of(RunOrder(plan=plan, folder=tmp_path, clock="wall"))
     backend = Backend()

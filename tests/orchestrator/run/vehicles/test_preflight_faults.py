@@ -14,14 +14,14 @@ from tests.orchestrator.conftest import BRIEF, Fly
 from tests.orchestrator.flights import log_of
 from tests.vehicles.embedded.charge import set_remaining
 from wil_campaign.orchestrator.run.vehicles import vehicle_backends
-from wil_campaign.orchestrator.run.vehicles.pair import Pair
-from wil_campaign.orchestrator.run.vehicles.preflight_checks import Preflight
+from wil_campaign.orchestrator.run.vehicles.pair import VehiclePair
+from wil_campaign.orchestrator.run.vehicles.preflight_checks import PreflightChecks
 from wil_campaign.orchestrator.run_results.run_result import RunResult
 from wil_campaign.orchestrator.state.run_state import RunState
 from wil_campaign.orchestrator.state.vehicle_context import HISTORY_S, VehicleContext
 from wil_campaign.plugins.ardupilot.copter import copter_telemetry
 from wil_campaign.plugins.ardupilot.copter.copter_core import CopterCore
-from wil_campaign.safety.preflight import Item
+from wil_campaign.safety.preflight import PreflightItem
 from wil_campaign.vehicles.autopilots.registry import autopilot_named
 from wil_campaign.vehicles.embedded.autopilot.px4 import px4_telemetry
 from wil_campaign.vehicles.embedded.autopilot.px4.px4_core import Px4Core
@@ -36,7 +36,7 @@ ARDUPILOT = "vehicles.twin.autopilot=ardupilot"
 def once_ready(name: str, break_it: Callable[[EmbeddedVehicle], None]) -> Any:
     """Return a disturbance that breaks something in a vehicle that said it is ready to arm."""
 
-    def disturb(pair: Pair, _: RunState) -> None:
+    def disturb(pair: VehiclePair, _: RunState) -> None:
         (context,) = [one for one in pair.contexts if one.name == name]
         vehicle, ready = pair.vehicles[name], context.driver.ready
         assert isinstance(vehicle, EmbeddedVehicle)
@@ -294,16 +294,18 @@ def test_a_ground_truth_that_was_just_anchored_is_no_missing_one(
     fly_run: Fly, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """On an attached PX4 whose parameters were set already the checks came 20 ms after it."""
-    check_source = Preflight._source
+    check_source = PreflightChecks._source
 
-    async def just_anchored(self: Preflight, context: VehicleContext) -> Iterable[Item]:
+    async def just_anchored(
+        self: PreflightChecks, context: VehicleContext
+    ) -> Iterable[PreflightItem]:
         first = context.poses.latest().pose
         assert first is not None
         context.poses = PoseHistory(HISTORY_S)
         context.poses.add(asyncio.get_running_loop().time(), first)
         return await check_source(self, context)
 
-    monkeypatch.setattr(Preflight, "_source", just_anchored)
+    monkeypatch.setattr(PreflightChecks, "_source", just_anchored)
     result, _ = fly_run(mode="sim", sets=(*BRIEF, "vehicles.twin.pose_source=simulator"))
     assert result.verdict == "PASS", result.reason
     (item,) = [item for item in result.preflight if item.check == "ground_truth"]

@@ -10,17 +10,17 @@ import pytest
 from tests.orchestrator.conftest import BRIEF, Fly, NoCommands
 from tests.orchestrator.flights import log_of
 from tests.orchestrator.hover import write_hover
-from wil_campaign.campaigns.expansion.expansion import Options, load_campaign
+from wil_campaign.campaigns.expansion.expansion import ExpansionOptions, load_campaign
 from wil_campaign.orchestrator.campaign.workers.run_order import fly_order
 from wil_campaign.orchestrator.cli import main
 from wil_campaign.orchestrator.run.vehicles import onboard_fences
 from wil_campaign.orchestrator.run_results.run_result import RunResult
 from wil_campaign.orchestrator.state.run_setup import RunOrder
-from wil_campaign.safety.preflight import Item
+from wil_campaign.safety.preflight import PreflightItem
 from wil_campaign.vehicles.autopilots.px4 import Px4
 from wil_campaign.vehicles.driver.onboard.fence_protocol import AutopilotFence
 from wil_campaign.vehicles.embedded.autopilot.px4 import px4_telemetry
-from wil_campaign.vehicles.mavlink.fence_areas import FencePolygon, Place
+from wil_campaign.vehicles.mavlink.fence_areas import FencePlace, FencePolygon
 
 FENCE = "geofence={box: {north_m: [-3, 3], east_m: [-3, 3], up_m: [-1, 2.4]}}"
 ARDUPILOT = "vehicles.twin.autopilot=ardupilot"
@@ -31,7 +31,7 @@ class Flight(NamedTuple):
     armed: bool
     folder: Path
 
-    def item(self, check: str) -> Item:
+    def item(self, check: str) -> PreflightItem:
         (found,) = [item for item in self.result.preflight if item.check == check]
         return found
 
@@ -41,7 +41,7 @@ def hover(tmp_path: Path) -> Any:
     path = write_hover(tmp_path)
 
     def fly(*sets: str) -> Flight:
-        (plan, *_) = load_campaign(path, Options(sets=sets)).runs
+        (plan, *_) = load_campaign(path, ExpansionOptions(sets=sets)).runs
         folder = tmp_path / "out" / plan.name
         order = RunOrder(plan=plan, folder=folder, clock="virtual")
         result = fly_order(order, lambda _: None, NoCommands())
@@ -180,7 +180,7 @@ def test_an_older_px4_that_climbs_higher_than_the_campaign_wants_never_arms(
 def test_a_fence_that_the_autopilot_refuses_is_an_error_before_arming(
     hover: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    far = tuple(Place(48.0 + lat, 9.0 + lon) for lat, lon in ((0, 0), (0.1, 0), (0.1, 0.1)))
+    far = tuple(FencePlace(48.0 + lat, 9.0 + lon) for lat, lon in ((0, 0), (0.1, 0), (0.1, 0.1)))
     excluding = AutopilotFence(areas=(FencePolygon(far),), ceiling_m=5.0)
     monkeypatch.setattr(onboard_fences, "onboard_fence_of", lambda *_, **__: excluding)
     flight = hover(FENCE)
@@ -215,7 +215,7 @@ def test_a_disk_without_room_is_reported_before_the_first_run(
 
 
 def test_the_preflight_shows_that_commands_are_not_signed(hover: Any) -> None:
-    def operator_items(commands: str) -> list[Item]:
+    def operator_items(commands: str) -> list[PreflightItem]:
         mqtt = f"{{broker: 'mqtt://127.0.0.1', commands: {commands}}}"
         flown = hover(f"operator.mqtt={mqtt}")
         assert flown.result.verdict == "PASS"

@@ -7,8 +7,8 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from wil_campaign.orchestrator.run.vehicles.return_checks import (
     height_above_home_m,
-    landing_of,
-    places_of,
+    landing_item_number,
+    places_of_items,
 )
 from wil_campaign.vehicles.autopilots.registry import autopilot_named
 from wil_campaign.vehicles.driver.onboard.mission_protocol import MissionItem
@@ -49,10 +49,10 @@ def test_items_that_are_places() -> None:
         MissionItem(command=WAYPOINT, x=5, y=6, frame=mavlink.MAV_FRAME_LOCAL_NED),
         MissionItem(command=WAYPOINT, x=5, y=6, z=480.0, frame=mavlink.MAV_FRAME_GLOBAL),
     )
-    assert [number for number, _ in places_of(items)] == [1, 5, 7]
-    assert landing_of(items) == 3
-    assert landing_of(items[:2]) is None
-    assert landing_of(items[4:]) == 1
+    assert [number for number, _ in places_of_items(items)] == [1, 5, 7]
+    assert landing_item_number(items) == 3
+    assert landing_item_number(items[:2]) is None
+    assert landing_item_number(items[4:]) == 1
     assert [height_above_home_m(items[index]) for index in (0, 4, 6)] == [0.0, 5.0, None]
 
 

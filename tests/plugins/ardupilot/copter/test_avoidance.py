@@ -10,7 +10,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from wil_campaign.plugins.ardupilot.copter.avoidance import (
     SimpleAvoidance,
-    stopping_speed,
+    avoidance_stopping_speed,
 )
 from wil_campaign.plugins.ardupilot.copter.copter_core import CopterCore
 from wil_campaign.vehicles.embedded.autopilot.flight.parameter_table import load_parameters
@@ -74,6 +74,6 @@ def test_nothing_is_armed_beside_a_wall() -> None:
 @given(st.floats(0.0, 50.0), st.floats(0.0, 50.0))
 def test_from_farther_away_it_may_be_faster_and_can_still_stop(a_m: float, b_m: float) -> None:
     near_m, far_m = sorted((a_m, b_m))
-    assert stopping_speed(near_m) <= stopping_speed(far_m)
+    assert avoidance_stopping_speed(near_m) <= avoidance_stopping_speed(far_m)
     # At 2.5 m/s^2 it comes to rest within the distance.
-    assert stopping_speed(far_m) ** 2 / 5.0 <= far_m + 1e-9
+    assert avoidance_stopping_speed(far_m) ** 2 / 5.0 <= far_m + 1e-9

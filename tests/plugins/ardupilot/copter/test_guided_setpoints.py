@@ -12,11 +12,11 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from tests.vehicles.embedded.autopilot.bare_autopilot import BareAutopilot
 from wil_campaign.plugins.ardupilot.copter.guided_setpoints import (
-    flies_global,
-    flies_local,
+    is_flown_global_setpoint,
+    is_flown_local_setpoint,
 )
 from wil_campaign.plugins.ardupilot.strategy import ArduCopter
-from wil_campaign.vehicles.autopilots.autopilot import Target
+from wil_campaign.vehicles.autopilots.autopilot import MavlinkTarget
 
 NO_POSITION, NO_VELOCITY, NO_ACCELERATION, FORCE = 0o7, 0o70, 0o700, 1 << 9
 NOTHING, ONLY_YAW = 0xFFF, 0xBFF
@@ -54,7 +54,7 @@ def on_earth(mask: int, *, frame: int = 6, place: tuple[int, int] = DEGREES) -> 
 )
 def test_whole_vectors_are_flown(mask: int, flown: int) -> None:
     message = local(mask)
-    assert flies_local(message)
+    assert is_flown_local_setpoint(message)
     assert message.type_mask == flown
 
 
@@ -75,26 +75,28 @@ def test_whole_vectors_are_flown(mask: int, flown: int) -> None:
     ],
 )
 def test_a_message_that_is_no_setpoint_stops_it(message: Any) -> None:
-    assert not flies_local(message)
+    assert not is_flown_local_setpoint(message)
 
 
 @pytest.mark.parametrize("frame", [1, 7, 8, 9])
 def test_four_local_frames_are_flown(frame: int) -> None:
-    assert flies_local(local(VELOCITY, frame=frame))
+    assert is_flown_local_setpoint(local(VELOCITY, frame=frame))
 
 
 def test_frame_and_place_of_a_global_setpoint_count() -> None:
-    assert all(flies_global(on_earth(POSITION, frame=frame)) for frame in (0, 3, 5, 6, 10, 11))
-    assert flies_global(on_earth(NO_ACCELERATION))
-    assert flies_global(on_earth(VELOCITY, frame=1, place=(2_000_000_000, 0)))
-    assert not flies_global(on_earth(POSITION, frame=1))
-    assert not flies_global(on_earth(POSITION, place=(2_000_000_000, 0)))
-    assert not flies_global(on_earth(NO_ACCELERATION, frame=11))
-    assert not flies_global(on_earth(NOTHING))
+    assert all(
+        is_flown_global_setpoint(on_earth(POSITION, frame=frame)) for frame in (0, 3, 5, 6, 10, 11)
+    )
+    assert is_flown_global_setpoint(on_earth(NO_ACCELERATION))
+    assert is_flown_global_setpoint(on_earth(VELOCITY, frame=1, place=(2_000_000_000, 0)))
+    assert not is_flown_global_setpoint(on_earth(POSITION, frame=1))
+    assert not is_flown_global_setpoint(on_earth(POSITION, place=(2_000_000_000, 0)))
+    assert not is_flown_global_setpoint(on_earth(NO_ACCELERATION, frame=11))
+    assert not is_flown_global_setpoint(on_earth(NOTHING))
 
 
 def test_the_setpoints_that_we_send_are_flown() -> None:
-    driver, target = ArduCopter(), Target(1, 1)
+    driver, target = ArduCopter(), MavlinkTarget(1, 1)
     for yaw_rad in (None, 0.5):
         velocity = driver.velocity_setpoint(
             target, t_boot_ms=0, velocity_ned_m_s=(1.0, 0.0, 0.0), yaw_rad=yaw_rad
@@ -104,7 +106,7 @@ def test_the_setpoints_that_we_send_are_flown() -> None:
         )
         for message in (velocity, position):
             mask = message.type_mask
-            assert flies_local(message)
+            assert is_flown_local_setpoint(message)
             assert message.type_mask == mask
 
 

@@ -24,13 +24,16 @@ from tests.plugins.cluster.bench.test_bench_engine import PLACE, write_bench, wr
 from tests.plugins.cluster.bench.test_bench_flight import MortalBenchAgent, served, vehicle_at
 from tests.plugins.cluster.fake_ray import FakeRay
 from tests.ports import free_port
-from wil_campaign.campaigns.expansion.expansion import Options, load_campaign
+from wil_campaign.campaigns.expansion.expansion import ExpansionOptions, load_campaign
 from wil_campaign.orchestrator.campaign.campaign_runner import (
     CampaignOutcome,
     fly_campaign,
 )
-from wil_campaign.orchestrator.campaign.flight_options import Cleared, FlightOptions
-from wil_campaign.orchestrator.campaign.resuming.attached_vehicles import AttachedVehicle, find_at
+from wil_campaign.orchestrator.campaign.flight_options import ClearedCampaign, FlightOptions
+from wil_campaign.orchestrator.campaign.resuming.attached_vehicles import (
+    AttachedVehicle,
+    find_vehicle_at,
+)
 from wil_campaign.orchestrator.campaign.resuming.runs_to_fly import (
     ResumeRules,
     resume_campaign,
@@ -38,7 +41,7 @@ from wil_campaign.orchestrator.campaign.resuming.runs_to_fly import (
 from wil_campaign.orchestrator.campaign.resuming.runs_without_result import real_runs
 from wil_campaign.orchestrator.campaign.workers.run_engine import EngineError
 from wil_campaign.orchestrator.cli.progress_display import SilentDisplay
-from wil_campaign.orchestrator.operator.run_messages import Progress
+from wil_campaign.orchestrator.operator.run_messages import RunProgressReport
 from wil_campaign.orchestrator.run_results.result_reader import read_result
 from wil_campaign.plugins.cluster.bench.bench_engine import HiredBench, hire_bench
 from wil_campaign.plugins.cluster.bench.bench_messages import SOCKET_VARIABLE
@@ -118,7 +121,7 @@ class Once(SilentDisplay):
         super().__init__()
         self._act: Callable[[], object] | None = act
 
-    def progress(self, progress: Progress) -> None:
+    def progress(self, progress: RunProgressReport) -> None:
         if progress.stage == "goal" and self._act is not None:
             act, self._act = self._act, None
             act()
@@ -141,9 +144,9 @@ def node_folder(monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
 
 
 def fly(path: Path, hired: HiredBench, act: Callable[[], object]) -> CampaignOutcome:
-    campaign = load_campaign(path, Options(benches=(hired.bench,)))
+    campaign = load_campaign(path, ExpansionOptions(benches=(hired.bench,)))
     options = FlightOptions(out=path.parent / "out")
-    cleared = Cleared(
+    cleared = ClearedCampaign(
         "wall",
         1,
         real_kind="sitl",
@@ -158,7 +161,7 @@ def ledger(folder: Path) -> list[str]:
 
 
 def vehicle_on(port: int) -> AttachedVehicle:
-    return asyncio.run(find_at(parse_link(f"udpin://127.0.0.1:{port}"), 20.0))
+    return asyncio.run(find_vehicle_at(parse_link(f"udpin://127.0.0.1:{port}"), 20.0))
 
 
 class Killing:
@@ -212,7 +215,7 @@ def test_the_guard_lands_the_vehicle_of_a_killed_process_and_it_flies_no_more(
         assert psutil.wait_procs(killing.guard, timeout=60.0)[1] == []
         assert not vehicle_on(port).armed
     assert "the orchestrator ended" in (folder / "default/real/1/guard.jsonl").read_text()
-    campaign = load_campaign(path, Options(benches=(bench,)))
+    campaign = load_campaign(path, ExpansionOptions(benches=(bench,)))
     kept = resume_campaign(
         campaign, folder, ResumeRules(is_real=real_runs(campaign, "")), say=lambda _: None
     )

@@ -10,19 +10,22 @@ import pytest
 from tests.orchestrator.hover import write_hover
 from wil_campaign.campaigns.expansion.expansion import (
     Campaign,
-    Options,
+    ExpansionOptions,
     load_campaign,
     requested_bench,
 )
 from wil_campaign.campaigns.setup.bench_file import Bench, BenchFacts, load_benches
-from wil_campaign.campaigns.setup.bench_resolution import departure
-from wil_campaign.foundation.files.documents import BadInput, parse
+from wil_campaign.campaigns.setup.bench_resolution import bench_departure
+from wil_campaign.foundation.files.documents import BadInput, parse_document
 from wil_campaign.orchestrator.campaign.folder.bench_lock import held_benches
-from wil_campaign.orchestrator.campaign.folder.campaign_folder import TakenError
+from wil_campaign.orchestrator.campaign.folder.campaign_folder import FolderTakenError
 from wil_campaign.orchestrator.cli import main
 from wil_campaign.orchestrator.state.run_setup import RunOrder
-from wil_campaign.plugins.cluster.bench.bench_engine import await_bench
-from wil_campaign.plugins.cluster.bench.bench_resources import announced_benches, resources_of
+from wil_campaign.plugins.cluster.bench.bench_engine import await_bench_of_cluster
+from wil_campaign.plugins.cluster.bench.bench_resources import (
+    announced_benches,
+    announced_resources,
+)
 from wil_campaign.plugins.cluster.bench.bench_server import BenchGate
 from wil_campaign.plugins.cluster.node_messages import ConsentAsked, RunOrdered
 
@@ -69,14 +72,14 @@ def write_bench(folder: Path, port: int = 14540) -> Bench:
 def node(facts: BenchFacts, *, alive: bool = True, name: str = "hall") -> dict[str, Any]:
     return {
         "Alive": alive,
-        "Resources": {"CPU": 0.0, "node:10.0.0.2": 1.0, **resources_of(facts)},
+        "Resources": {"CPU": 0.0, "node:10.0.0.2": 1.0, **announced_resources(facts)},
         "NodeManagerHostname": name,
     }
 
 
 def test_a_node_announces_its_bench_with_all_its_properties(tmp_path: Path) -> None:
     facts = write_bench(tmp_path).facts
-    assert not any("," in name for name in resources_of(facts))  # Ray splits its list there
+    assert not any("," in name for name in announced_resources(facts))  # Ray splits its list there
     (found,) = announced_benches([node(facts), node(facts, alive=False, name="gone")])
     assert (found.facts, found.node) == (facts, "hall")
 
@@ -95,17 +98,17 @@ def test_a_bench_is_waited_for_named_when_missing_and_refused_when_there_twice(
     tmp_path: Path,
 ) -> None:
     path, facts = write_campaign(tmp_path), write_bench(tmp_path).facts
-    asked = requested_bench(path, Options(sets=("bench={name: hall-a, wait_s: 0.2}",)))
+    asked = requested_bench(path, ExpansionOptions(sets=("bench={name: hall-a, wait_s: 0.2}",)))
     assert asked is not None
     other = BenchFacts("hall-b", facts.properties)
     shown: list[str] = []
     there = [node(facts)]
-    assert await_bench(Nodes([], there), *asked, shown.append) == "hall-a"
+    assert await_bench_of_cluster(Nodes([], there), *asked, shown.append) == "hall-a"
     assert shown == ["waiting up to 0.2 s for the bench; the cluster has none"]
     with pytest.raises(BadInput, match=r"no bench 'hall-a'; there is hall-b .*, after 0\.2 s"):
-        await_bench(Nodes([node(other)]), *asked, shown.append)
+        await_bench_of_cluster(Nodes([node(other)]), *asked, shown.append)
     with pytest.raises(BadInput, match="two benches named 'hall-a', on hall and shed"):
-        await_bench(Nodes([*there, node(facts, name="shed")]), *asked, shown.append)
+        await_bench_of_cluster(Nodes([*there, node(facts, name="shed")]), *asked, shown.append)
 
 
 def order_of(campaign: Campaign, folder: Path, *, arm: bool = True) -> RunOrder:
@@ -115,7 +118,9 @@ def order_of(campaign: Campaign, folder: Path, *, arm: bool = True) -> RunOrder:
 
 def test_the_gate_of_a_bench_passes_the_consented_runs_and_no_more(tmp_path: Path) -> None:
     path, bench = write_campaign(tmp_path), write_bench(tmp_path)
-    order = RunOrdered(order_of(load_campaign(path, Options(benches=(bench,))), tmp_path), "a")
+    order = RunOrdered(
+        order_of(load_campaign(path, ExpansionOptions(benches=(bench,))), tmp_path), "a"
+    )
     gate = BenchGate(bench)
     assert "nobody at bench hall-a has consented" in gate.refusal(order)
     gate.open_for(ConsentAsked("hover", 2, arm=True, place=PLACE))
@@ -145,13 +150,13 @@ def test_the_gate_of_a_bench_knows_its_vehicle_and_its_fence(
     other = load_benches((tmp_path / "other.yaml",))
     gate = BenchGate(bench)
     gate.open_for(ConsentAsked("hover", 9, arm=True, place=PLACE))
-    campaign = load_campaign(path, Options(benches=other))
+    campaign = load_campaign(path, ExpansionOptions(benches=other))
     assert gate.refusal(RunOrdered(order_of(campaign, tmp_path), "a")) == said
 
 
 def test_the_gate_of_a_bench_passes_no_attached_actor(tmp_path: Path) -> None:
     path, bench = write_campaign(tmp_path), write_bench(tmp_path)
-    order = order_of(load_campaign(path, Options(benches=(bench,))), tmp_path)
+    order = order_of(load_campaign(path, ExpansionOptions(benches=(bench,))), tmp_path)
     data = order.plan.files.campaign.data
     assert isinstance(data, dict)
     for link, said in (
@@ -159,16 +164,16 @@ def test_the_gate_of_a_bench_passes_no_attached_actor(tmp_path: Path) -> None:
         ("embedded", ""),
     ):
         text = json.dumps({**data, "actors": {"ghost": {"link": link, "autopilot": "px4"}}})
-        document = parse(text.encode(), name=str(path))
-        assert departure(document, bench).startswith(said)
-        assert bool(departure(document, bench)) is bool(said)
+        document = parse_document(text.encode(), name=str(path))
+        assert bench_departure(document, bench).startswith(said)
+        assert bool(bench_departure(document, bench)) is bool(said)
 
 
 def test_a_bench_is_flown_on_by_one_program_at_a_time(tmp_path: Path) -> None:
     bench = write_bench(tmp_path)
     with (
         held_benches((bench,)),
-        pytest.raises(TakenError, match="bench hall-a is in use"),
+        pytest.raises(FolderTakenError, match="bench hall-a is in use"),
         held_benches((bench,)),
     ):
         pass
@@ -191,4 +196,4 @@ def test_a_bench_that_cannot_be_served_or_reached_is_exit_2(
     assert "is another bench named 'hall-a'" in capsys.readouterr().err
     assert main(["bench", "check", file]) == 0
     assert "bench hall-a (autopilot: px4, indoor: true, net: 3 m" in capsys.readouterr().out
-    assert requested_bench(write_hover(tmp_path), Options()) is None
+    assert requested_bench(write_hover(tmp_path), ExpansionOptions()) is None

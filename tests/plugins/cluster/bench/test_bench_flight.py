@@ -18,12 +18,12 @@ from tests.orchestrator.wall_runs import ROOT, stages
 from tests.plugins.cluster.bench.test_bench_engine import PLACE, write_bench, write_campaign
 from tests.plugins.cluster.fake_ray import FakeRay
 from tests.ports import free_port
-from wil_campaign.campaigns.expansion.expansion import Options, load_campaign
+from wil_campaign.campaigns.expansion.expansion import ExpansionOptions, load_campaign
 from wil_campaign.campaigns.setup.bench_file import Bench
 from wil_campaign.orchestrator.campaign.campaign_runner import fly_campaign
-from wil_campaign.orchestrator.campaign.flight_options import Cleared, FlightOptions
+from wil_campaign.orchestrator.campaign.flight_options import ClearedCampaign, FlightOptions
 from wil_campaign.orchestrator.cli.progress_display import SilentDisplay
-from wil_campaign.orchestrator.operator.run_messages import Progress
+from wil_campaign.orchestrator.operator.run_messages import RunProgressReport
 from wil_campaign.plugins.cluster.bench.bench_engine import BenchAgent, hire_bench
 from wil_campaign.plugins.cluster.bench.bench_messages import SOCKET_VARIABLE
 from wil_campaign.plugins.cluster.bench.bench_server import BenchServer
@@ -68,7 +68,7 @@ class DyingSecond(SilentDisplay):
         super().__init__()
         self._kill: Callable[[], object] | None = kill
 
-    def progress(self, progress: Progress) -> None:
+    def progress(self, progress: RunProgressReport) -> None:
         if progress.repetition == 2 and progress.stage in IN_FLIGHT and self._kill is not None:
             kill, self._kill = self._kill, None
             kill()
@@ -112,9 +112,9 @@ def test_a_bench_flies_after_consent_and_never_repeats_a_run_that_died_in_flight
         assert hired.bench.facts == bench.facts  # of the file that came from the bench
         wanted = ConsentAsked("hover", 2, arm=True, place=PLACE)
         assert hired.ask_consent(wanted).problem == ""
-        campaign = load_campaign(path, Options(benches=(hired.bench,)))
+        campaign = load_campaign(path, ExpansionOptions(benches=(hired.bench,)))
         options = FlightOptions(out=tmp_path / "out")
-        cleared = Cleared(
+        cleared = ClearedCampaign(
             "wall",
             1,
             real_kind="sitl",

@@ -10,8 +10,8 @@ from wil_campaign.plugins.ros2.messages.ros_frames import (
     attitude_enu,
     attitude_ned,
     body_from_ned,
-    enu,
-    flu,
+    enu_from_ned,
+    flu_from_frd,
     heading_ned,
     ned_from_level_body,
     optical_in_body,
@@ -51,8 +51,8 @@ def test_an_attitude_comes_back(roll: float, pitch: float, yaw: float) -> None:
 def test_axes_of_the_body_point_the_same_way_in_both(roll: float, pitch: float, yaw: float) -> None:
     q = quat_from_euler(roll, pitch, yaw)
     for axis in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)):
-        there = rotate(attitude_enu(q), flu(axis))
-        assert there == pytest.approx(enu(rotate(q, axis)), abs=1e-9)
+        there = rotate(attitude_enu(q), flu_from_frd(axis))
+        assert there == pytest.approx(enu_from_ned(rotate(q, axis)), abs=1e-9)
 
 
 def test_a_pitch_up_is_a_pitch_up_of_the_other_sign() -> None:

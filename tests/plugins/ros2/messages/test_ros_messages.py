@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from wil_campaign.campaigns.values.sensor_setups import CameraSetup, DepthSetup, OtherSetup
+from wil_campaign.campaigns.values.sensor_setups import CameraSetup, DepthSetup, OtherSensorSetup
 from wil_campaign.plugins.navigation.gps import GpsOptions
 from wil_campaign.plugins.ros2.messages.reading_messages import reading_messages, sensor_transforms
 from wil_campaign.plugins.ros2.messages.ros_messages import (
@@ -22,11 +22,11 @@ from wil_campaign.plugins.ros2.messages.ros_messages import (
     RANGE,
     SCAN,
     TF,
+    FrameTransform,
     RosMessages,
-    Transform,
 )
 from wil_campaign.plugins.ros2.messages.ros_types import (
-    BadMessageError,
+    BadRosMessageError,
     dds_name,
     ros_name,
     ros_types,
@@ -198,7 +198,7 @@ def test_odometry_is_east_north_up_with_the_velocity_of_the_body() -> None:
 def test_clock_pose_and_transforms() -> None:
     assert read(MAKE.clock(STAMP_NS), CLOCK).clock.nanosec == 123_456_789
     assert read(MAKE.pose(Pose((1.0, 2.0, -3.0)), STAMP_NS), POSE).pose.position.x == 2.0
-    one = Transform("base_link", "camera_optical", (0.1, 0.2, 0.3))
+    one = FrameTransform("base_link", "camera_optical", (0.1, 0.2, 0.3))
     (found,) = read(MAKE.transforms([one], STAMP_NS), TF).transforms
     assert (found.header.frame_id, found.child_frame_id) == ("base_link", "camera_optical")
     assert found.transform.translation.y == 0.2
@@ -211,7 +211,7 @@ def test_frames_of_sensors_have_names_that_topics_can_have() -> None:
     )
     depth = DepthSetup(name="stereo", rate_hz=10, intrinsics=LENS, mount=CameraMount())
     found = sensor_transforms(
-        (camera, gimbal, depth, OtherSetup(kind="gps", name="gps", options=GpsOptions()))
+        (camera, gimbal, depth, OtherSensorSetup(kind="gps", name="gps", options=GpsOptions()))
     )
     of_points = "stereo"
     assert [one.child for one in found] == [
@@ -235,5 +235,5 @@ def test_names_and_hashes_are_those_of_ros() -> None:
 
 @pytest.mark.parametrize("data", [b"", b"\0\1\0\0", b"\xff" * 40])
 def test_bytes_that_are_no_message(data: bytes) -> None:
-    with pytest.raises(BadMessageError, match=r"is no nav_msgs/msg/Odometry"):
+    with pytest.raises(BadRosMessageError, match=r"is no nav_msgs/msg/Odometry"):
         TYPES.deserialize(data, ODOMETRY)

@@ -18,8 +18,8 @@ from wil_campaign.plugins.ros2.messages.ros_types import RosTypes, ros_types
 from wil_campaign.plugins.ros2.messages.setpoint_messages import (
     BadSetpointError,
     setpoint_of,
-    stamp_in,
-    stamp_of,
+    setpoint_stamp_in,
+    setpoint_stamp_of,
 )
 from wil_campaign.vehicles.setpoints import PositionSetpoint, VelocitySetpoint
 from wil_campaign.worlds.frames import Pose, quat_from_euler
@@ -111,10 +111,10 @@ def test_a_message_that_is_no_setpoint_is_refused(message: Any, kind: str, text:
 
 def test_the_stamp_is_read_without_the_rest() -> None:
     data = TYPES.serialize(twist("map", 0.0, 0.0, 0.0), TWIST)
-    assert stamp_of(data) == 5_000_000_250
+    assert setpoint_stamp_of(data) == 5_000_000_250
     big_endian = b"\0\0\0\0" + np.array([5, 250], ">u4").tobytes()
-    assert stamp_of(big_endian) == 5_000_000_250
-    assert stamp_of(b"\0\1") == 0
+    assert setpoint_stamp_of(big_endian) == 5_000_000_250
+    assert setpoint_stamp_of(b"\0\1") == 0
 
 
 def test_a_twist_without_a_stamp_is_of_the_body() -> None:
@@ -123,7 +123,7 @@ def test_a_twist_without_a_stamp_is_of_the_body() -> None:
     assert isinstance(found, VelocitySetpoint)
     assert found.velocity_ned_m_s == pytest.approx((2.0, 1.0, -3.0))
     assert found.yaw_rate_rad_s == -0.5
-    assert stamp_of(TYPES.serialize(body, PLAIN_TWIST), PLAIN_TWIST) == 0
+    assert setpoint_stamp_of(TYPES.serialize(body, PLAIN_TWIST), PLAIN_TWIST) == 0
 
 
 PX4 = RosTypes("jazzy", {TRAJECTORY_SETPOINT: DEFINITIONS["TrajectorySetpoint"]})
@@ -170,6 +170,6 @@ def test_a_setpoint_of_px4_that_is_none_is_named(message: Any, fault: str) -> No
 
 def test_a_stamp_of_px4_has_microseconds() -> None:
     cdr = PX4.serialize(px4((1, 2, -3), (NAN,) * 3), TRAJECTORY_SETPOINT)
-    assert stamp_of(cdr, TRAJECTORY_SETPOINT) == 3_000_007_000
-    assert stamp_in(TRAJECTORY_SETPOINT, 3_000_007_999) == 3_000_007_000
-    assert stamp_in(TWIST, 3_000_007_999) == 3_000_007_999
+    assert setpoint_stamp_of(cdr, TRAJECTORY_SETPOINT) == 3_000_007_000
+    assert setpoint_stamp_in(TRAJECTORY_SETPOINT, 3_000_007_999) == 3_000_007_000
+    assert setpoint_stamp_in(TWIST, 3_000_007_999) == 3_000_007_999

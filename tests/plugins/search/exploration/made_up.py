@@ -6,33 +6,33 @@ from typing import Any
 from wil_campaign.plugins.search.exploration.constraints import parse_constraint
 from wil_campaign.plugins.search.exploration.learning_strategies import make_strategy
 from wil_campaign.plugins.search.exploration.model import (
-    Batch,
-    Findings,
+    FlightBatch,
     FlightOutcome,
+    SearchFindings,
     SearchProblem,
 )
 from wil_campaign.plugins.search.exploration.search import Search
-from wil_campaign.plugins.search.exploration.space import Parameter, Space, Values
+from wil_campaign.plugins.search.exploration.space import SearchSpace, SpaceParameter, Values
 from wil_campaign.plugins.stl.units import SignalKind
 
 Answer = Callable[[Values, str, int], float | None]
 """The value of a flight by the whole values, the mode and a seed; None: INVALID."""
 
 
-def plane(*, constraints: tuple[str, ...] = (), **more: Any) -> Space:
+def plane(*, constraints: tuple[str, ...] = (), **more: Any) -> SearchSpace:
     """Two numbers from -1 to 1, of which the campaign itself has 0."""
     parameters = tuple(
-        Parameter(name=name, keys=(f"world.{name}_m",), low=-1.0, high=1.0, own=0.0, unit="m")
+        SpaceParameter(name=name, keys=(f"world.{name}_m",), low=-1.0, high=1.0, own=0.0, unit="m")
         for name in ("x", "y", *more)
     )
     kinds = {parameter.name: SignalKind("m", "") for parameter in parameters}
-    return Space(
+    return SearchSpace(
         parameters=parameters,
         constraints=tuple(parse_constraint(text, kinds) for text in constraints),
     )
 
 
-def problem(space: Space, **changed: Any) -> SearchProblem:
+def problem(space: SearchSpace, **changed: Any) -> SearchProblem:
     given: dict[str, Any] = {
         "space": space,
         "budget": {"sim": 40},
@@ -42,7 +42,7 @@ def problem(space: Space, **changed: Any) -> SearchProblem:
     return SearchProblem(**(given | changed))
 
 
-def fly(space: Space, batch: Batch, answer: Answer) -> list[FlightOutcome]:
+def fly(space: SearchSpace, batch: FlightBatch, answer: Answer) -> list[FlightOutcome]:
     """What came of a batch: below 0 is a failure."""
     outcomes = []
     for flight in batch.flights:
@@ -63,14 +63,16 @@ def fly(space: Space, batch: Batch, answer: Answer) -> list[FlightOutcome]:
 
 def searched(
     given: SearchProblem, answer: Answer, *, strategy: Any = "tpe", seed: int = 1
-) -> tuple[Findings, list[Batch]]:
+) -> tuple[SearchFindings, list[FlightBatch]]:
     """What a search finds, and the batches that it wanted."""
     search = Search(given, make_strategy(strategy, given.space, seed))
     batches = drive(search, lambda batch: fly(given.space, batch, answer))
     return search.findings, batches
 
 
-def drive(search: Search, fly_batch: Callable[[Batch], list[FlightOutcome]]) -> list[Batch]:
+def drive(
+    search: Search, fly_batch: Callable[[FlightBatch], list[FlightOutcome]]
+) -> list[FlightBatch]:
     """Fly all that a search wants, and return it."""
     steps, batches = search.steps(), []
     try:

@@ -16,8 +16,8 @@ from tests.plugins.search.exploration.made_up import (
     searched,
 )
 from wil_campaign.plugins.search.exploration import strategies
-from wil_campaign.plugins.search.exploration.gap import ModeGap, passed_on
-from wil_campaign.plugins.search.exploration.model import Batch, FlightOutcome, Variant
+from wil_campaign.plugins.search.exploration.gap import ModeGap, variants_passed_on
+from wil_campaign.plugins.search.exploration.model import FlightBatch, FlightOutcome, SearchVariant
 from wil_campaign.plugins.search.exploration.search import (
     EXHAUSTED,
     SPENT,
@@ -25,9 +25,13 @@ from wil_campaign.plugins.search.exploration.search import (
     failure_name,
     most_flights,
 )
-from wil_campaign.plugins.search.exploration.space import Parameter, Space, Values
-from wil_campaign.plugins.search.exploration.strategies import FixedStrategy, Proposal, fixed_points
-from wil_campaign.plugins.search.exploration.votes import standing_of, votes_of
+from wil_campaign.plugins.search.exploration.space import SearchSpace, SpaceParameter, Values
+from wil_campaign.plugins.search.exploration.strategies import (
+    FixedStrategy,
+    StrategyProposal,
+    fixed_points,
+)
+from wil_campaign.plugins.search.exploration.votes import votes_of, votes_standing
 
 
 def test_tpe_finds_a_corner_confirms_it_and_takes_the_keys_out_that_do_not_matter() -> None:
@@ -104,9 +108,9 @@ def test_pairs_of_a_grid_too_large_to_list_come_from_random_combinations(
 
 
 def test_a_finite_space_is_tried_once_and_no_more() -> None:
-    choices = Parameter(name="form", keys=("world.form",), choices=("square", "round"))
-    counted = Parameter(name="count", keys=("world.count",), low=1, high=3, is_integer=True)
-    space = Space(parameters=(choices, counted))
+    choices = SpaceParameter(name="form", keys=("world.form",), choices=("square", "round"))
+    counted = SpaceParameter(name="count", keys=("world.count",), low=1, high=3, is_integer=True)
+    space = SearchSpace(parameters=(choices, counted))
     for strategy in ("tpe", "random", "grid"):
         findings, _ = searched(
             problem(space, budget={"sim": 50}), lambda *_: 1.0, strategy=strategy
@@ -119,12 +123,12 @@ def test_a_finite_space_is_tried_once_and_no_more() -> None:
 class Recorded(FixedStrategy):
     """A strategy that notes what it is given."""
 
-    def __init__(self, space: Space) -> None:
+    def __init__(self, space: SearchSpace) -> None:
         super().__init__(fixed_points("sobol", space, 1))
         self.given: dict[int, float | None] = {}
-        self.asked: list[Proposal] = []
+        self.asked: list[StrategyProposal] = []
 
-    def ask(self) -> Proposal | None:
+    def ask(self) -> StrategyProposal | None:
         found = super().ask()
         if found is not None:
             self.asked.append(found)
@@ -138,7 +142,7 @@ class Recorded(FixedStrategy):
 def test_a_variant_that_is_refused_or_shows_nothing_gives_the_strategy_no_value() -> None:
     space = plane()
 
-    def refuse(variant: Variant) -> str:
+    def refuse(variant: SearchVariant) -> str:
         return "starts inside 'gate'" if number(variant.values, "x") < 0.0 else ""
 
     def answer(values: Values, mode: str, seed: int) -> float | None:
@@ -161,7 +165,7 @@ def test_a_variant_that_is_refused_or_shows_nothing_gives_the_strategy_no_value(
 def test_a_flight_that_came_near_nothing_is_as_good_as_the_best() -> None:
     space = plane()
 
-    def fly_far(batch: Batch) -> list[FlightOutcome]:
+    def fly_far(batch: FlightBatch) -> list[FlightOutcome]:
         """Above 0 nothing is near, and a margin is unknown; below it is what x says."""
         xs = [number(flight.variant.values, "x") for flight in batch.flights]
         return [FlightOutcome(verdict="PASS", value=None if x > 0.0 else 1.0 + x) for x in xs]
@@ -324,7 +328,7 @@ def test_a_failure_in_sim_is_settled_by_a_pass_far_from_everything_in_wil() -> N
 def test_a_pass_far_from_everything_is_passed_on_until_the_gap_is_measured() -> None:
     """Without a margin in sim nothing is known of the dearer mode, which may fail."""
 
-    def fly_far(batch: Batch) -> list[FlightOutcome]:
+    def fly_far(batch: FlightBatch) -> list[FlightOutcome]:
         far = FlightOutcome(verdict="PASS", value=None)
         hit = FlightOutcome(verdict="FAIL", value=-0.5, cause="collision/real")
         return [far if batch.mode == "sim" else hit for _ in batch.flights]
@@ -338,20 +342,20 @@ def test_a_pass_far_from_everything_is_passed_on_until_the_gap_is_measured() -> 
 
 def test_a_pass_far_from_everything_comes_last_until_the_gap_is_measured() -> None:
     values = [("far", math.inf), ("a", 0.9), ("b", 0.2)]
-    assert passed_on(values, ModeGap("sim", "wil"), probes=1, most=10) == ["b", "a", "far"]
+    assert variants_passed_on(values, ModeGap("sim", "wil"), probes=1, most=10) == ["b", "a", "far"]
     measured = ModeGap("sim", "wil", (-0.1, 0.0, 0.1))
-    assert passed_on(values, measured, probes=1, most=10) == ["b"]
+    assert variants_passed_on(values, measured, probes=1, most=10) == ["b"]
 
 
 def test_the_worst_are_passed_on_until_the_gap_is_measured() -> None:
     values = [("a", 0.9), ("b", -0.1), ("c", 0.2), ("d", 0.5)]
     unmeasured = ModeGap("sim", "wil", (0.1, 0.1))
-    assert passed_on(values, unmeasured, probes=1, most=10) == ["b", "c", "d"]
-    assert passed_on(values, unmeasured, probes=1, most=2) == ["b", "c"]
+    assert variants_passed_on(values, unmeasured, probes=1, most=10) == ["b", "c", "d"]
+    assert variants_passed_on(values, unmeasured, probes=1, most=2) == ["b", "c"]
     # Mean 0, spread 0.1: Student's t of 2 degrees, 2.92, times 0.1 times sqrt(4/3) is 0.337.
     measured = ModeGap("sim", "wil", (-0.1, 0.0, 0.1))
     assert measured.least_above(0.5) == pytest.approx(0.5 - 0.3372, abs=1e-4)
-    assert passed_on(values, measured, probes=1, most=10) == ["b", "c"]
+    assert variants_passed_on(values, measured, probes=1, most=10) == ["b", "c"]
 
 
 def test_invalid_flights_confirm_nothing_and_refute_nothing() -> None:
@@ -359,10 +363,10 @@ def test_invalid_flights_confirm_nothing_and_refute_nothing() -> None:
     invalid = FlightOutcome(verdict="INVALID", value=None)
     votes = votes_of([failed, failed, invalid, invalid, invalid])
     assert (votes.failed, votes.proven, votes.cause) == (2, 2, "reached/twin")
-    assert standing_of(votes, needed=3, due=5) == "undecided"
-    assert standing_of(votes, needed=2, due=5) == "confirmed"
-    assert standing_of(votes_of([failed, invalid]), needed=3, due=2) == "intermittent"
-    assert standing_of(votes_of([invalid, invalid]), needed=3, due=2) == "refuted"
+    assert votes_standing(votes, needed=3, due=5) == "undecided"
+    assert votes_standing(votes, needed=2, due=5) == "confirmed"
+    assert votes_standing(votes_of([failed, invalid]), needed=3, due=2) == "intermittent"
+    assert votes_standing(votes_of([invalid, invalid]), needed=3, due=2) == "refuted"
 
 
 def test_failures_count_whatever_their_causes_and_the_most_frequent_is_the_first() -> None:
@@ -371,7 +375,7 @@ def test_failures_count_whatever_their_causes_and_the_most_frequent_is_the_first
     votes = votes_of([other, failed, failed])
     assert (votes.failed, votes.proven, votes.cause) == (3, 3, "reached/twin")
     assert list(votes.causes.items()) == [("reached/twin", 2), ("time_limit/twin", 1)]
-    assert standing_of(votes, needed=3, due=3) == "confirmed"
+    assert votes_standing(votes, needed=3, due=3) == "confirmed"
     assert votes_of([other, failed]).cause == votes_of([failed, other]).cause == "reached/twin"
 
 
@@ -379,7 +383,7 @@ def test_a_variant_that_fails_each_time_by_changing_causes_is_confirmed() -> Non
     """It is reduced to what fails as often, and by the most frequent cause as often."""
     changing = ("collision/twin", "reached/twin", "collision/twin", "speed/twin", "reached/twin")
 
-    def fly_changing(batch: Batch) -> list[FlightOutcome]:
+    def fly_changing(batch: FlightBatch) -> list[FlightOutcome]:
         return [
             FlightOutcome(
                 verdict="FAIL",

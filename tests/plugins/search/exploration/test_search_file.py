@@ -6,9 +6,9 @@ from pathlib import Path
 import pytest
 
 from tests.plugins.search.searches import SEARCH, write_search
-from wil_campaign.campaigns.expansion.expansion import Options
+from wil_campaign.campaigns.expansion.expansion import ExpansionOptions
 from wil_campaign.foundation.files.documents import BadInput
-from wil_campaign.plugins.search.exploration.model import Variant
+from wil_campaign.plugins.search.exploration.model import SearchVariant
 from wil_campaign.plugins.search.exploration.search_file import load_search
 
 SHIPPED = Path(__file__).parents[4] / "campaigns"
@@ -99,7 +99,7 @@ def test_an_objective_that_cannot_fail_a_flight_of_the_budget_is_refused(
     oracle: str, budget: str, said: str
 ) -> None:
     sets = ("oracles.low=" + oracle, f"search.budget={budget}", "search.objective=low")
-    options = Options(sets=(*sets, "search.scale={}"))
+    options = ExpansionOptions(sets=(*sets, "search.scale={}"))
     if not said:
         assert load_search(SHIPPED / "search-gate.yaml", options).part.oracles == ("low",)
         return
@@ -125,7 +125,8 @@ def test_a_parameter_knows_its_unit_and_the_campaigns_own_value(tmp_path: Path) 
     assert (height.unit, height.own, height.levels) == ("m", 1.2, (0.8, 1.4, 2.0))
     assert search.overrides({"height": 1.4}) == {"goal.altitude_m": 1.4}
     changed = load_search(
-        tmp_path / "hover.yaml", Options(seed=9, sets=("goal.altitude_m=0.9", "search.reduce=0"))
+        tmp_path / "hover.yaml",
+        ExpansionOptions(seed=9, sets=("goal.altitude_m=0.9", "search.reduce=0")),
     )
     assert changed.space.parameters[0].own == 0.9
     assert (changed.part.reduce, changed.campaign.seed) == (0, 9)
@@ -140,7 +141,7 @@ def test_the_gate_of_the_shipped_search_cannot_stand_outside_of_the_fence() -> N
         ("turned", "deg", 0),
         ("size", "m", 1.0),
     ]
-    assert not search.refuse(Variant(name="v1", values={"aside": -1.5}))
-    said = search.refuse(Variant(name="v2", values={"aside": -2.8}))
+    assert not search.refuse(SearchVariant(name="v1", values={"aside": -1.5}))
+    said = search.refuse(SearchVariant(name="v2", values={"aside": -2.8}))
     assert re.search(r"'gate' is .* geofence", said)
     assert not search.space.admits({"aside": 1.9, "size": 1.1})

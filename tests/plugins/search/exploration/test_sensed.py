@@ -6,8 +6,8 @@ from wil_campaign.plugins.search.exploration.sensed import (
     EDGES_M,
     LEVELS,
     SensedView,
-    level_of,
     sensed_coverage,
+    sensed_level_of,
 )
 
 
@@ -24,8 +24,8 @@ def seen(*cells: tuple[int, int], reduced: tuple[str, ...] = (), near_m: float =
 
 @pytest.mark.parametrize(("distance_m", "level"), [(0.0, 0), (0.5, 1), (1.99, 2), (8.0, 5)])
 def test_levels_double_and_the_last_is_beyond_reach(distance_m: float, level: int) -> None:
-    assert level_of(distance_m) == level
-    assert level_of(EDGES_M[-1] * 10) == LEVELS - 1
+    assert sensed_level_of(distance_m) == level
+    assert sensed_level_of(EDGES_M[-1] * 10) == LEVELS - 1
 
 
 def test_cells_count_flights_and_those_that_failed() -> None:

@@ -4,22 +4,22 @@ from typing import Any
 
 from tests.plugins.search.exploration.made_up import corner, number, plane, problem, searched
 from wil_campaign.orchestrator.run_results.run_result import Stop
-from wil_campaign.plugins.search.exploration.coverage import coverage_of
-from wil_campaign.plugins.search.exploration.model import Findings, Variant
+from wil_campaign.plugins.search.exploration.coverage import space_coverage_of
+from wil_campaign.plugins.search.exploration.model import SearchFindings, SearchVariant
 from wil_campaign.plugins.search.exploration.sensed import (
     SensedCoverage,
     SensedView,
     sensed_coverage,
 )
-from wil_campaign.plugins.search.exploration.space import Parameter, Space, Values
+from wil_campaign.plugins.search.exploration.space import SearchSpace, SpaceParameter, Values
 from wil_campaign.plugins.search.report.search_report import SearchPage, render_search
 from wil_campaign.plugins.search.search_document import unsettled_texts
-from wil_campaign.plugins.search.search_runner import exit_code_of
+from wil_campaign.plugins.search.search_runner import search_exit_code
 
 
 def page_of(
-    space: Space,
-    findings: Findings,
+    space: SearchSpace,
+    findings: SearchFindings,
     *,
     campaign: str = "gate",
     stopped: Stop | None = None,
@@ -31,17 +31,17 @@ def page_of(
         strategy="sobol",
         objective=("collision",),
         ended=findings.ended,
-        exit_code=exit_code_of(findings, stopped=stopped, is_broken=is_broken),
+        exit_code=search_exit_code(findings, stopped=stopped, is_broken=is_broken),
         unsettled=tuple(unsettled_texts(findings)),
         files={one.variant.name: f"failures/{one.variant.name}.yaml" for one in findings.confirmed},
-        coverage=coverage_of(space, [one.variant.values for one in findings.tried]),
+        coverage=space_coverage_of(space, [one.variant.values for one in findings.tried]),
         sensed=sensed,
     )
     return render_search(page, space, findings, made_utc="2026-11-22T20:00:00Z")
 
 
 def test_the_page_draws_each_pair_of_parameters_with_every_variant_in_it() -> None:
-    def refuse(variant: Variant) -> str:
+    def refuse(variant: SearchVariant) -> str:
         values = {"z": 0.0, **variant.values}
         return "starts outside" if number(values, "z") < -0.8 else ""
 
@@ -86,8 +86,8 @@ def test_the_page_is_green_for_exit_code_0_alone() -> None:
 
 
 def test_the_page_draws_a_cell_for_each_choice() -> None:
-    forms = Parameter(name="form", keys=("form",), choices=tuple("abcdefgh"), own="a")
-    space = Space(parameters=(forms,))
+    forms = SpaceParameter(name="form", keys=("form",), choices=tuple("abcdefgh"), own="a")
+    space = SearchSpace(parameters=(forms,))
     given = problem(space, budget={"sim": 5}, at_once=1, reduce_flights=0)
     findings, _ = searched(given, lambda *_: 1.0, strategy="grid")
     html = page_of(space, findings)
@@ -98,8 +98,8 @@ def test_the_page_draws_a_cell_for_each_choice() -> None:
 
 
 def test_the_campaigns_own_value_is_not_drawn_where_it_is_none_of_the_choices() -> None:
-    forms = Parameter(name="form", keys=("form",), choices=("square", "round"), own="hexagon")
-    space = Space(parameters=(forms,))
+    forms = SpaceParameter(name="form", keys=("form",), choices=("square", "round"), own="hexagon")
+    space = SearchSpace(parameters=(forms,))
     findings, _ = searched(problem(space), lambda *_: 1.0, strategy="grid")
     html = page_of(space, findings)
     assert 'class="own"' not in html
@@ -124,7 +124,9 @@ def test_the_page_draws_what_each_sensor_saw_and_where_flights_failed() -> None:
 
 def test_names_from_a_file_are_text() -> None:
     choices = ("<script>alert(1)</script>", "b")
-    space = Space(parameters=(Parameter(name="form", keys=("form",), choices=choices, own="b"),))
+    space = SearchSpace(
+        parameters=(SpaceParameter(name="form", keys=("form",), choices=choices, own="b"),)
+    )
 
     def bad(values: Values, mode: str, seed: int) -> float:
         del values, mode, seed

@@ -15,19 +15,19 @@ from wil_campaign.orchestrator.cli import main
 from wil_campaign.orchestrator.run_results.control_results import ControlResult
 from wil_campaign.orchestrator.run_results.run_result import RunResult
 from wil_campaign.plugins.statistics.comparison.comparison import (
-    Comparison,
-    Limits,
-    cells_of,
-    compare,
+    FlightComparison,
+    LossLimits,
+    compare_flown_sets,
+    runs_by_cell,
 )
 
 Capture = pytest.CaptureFixture[str]
 TEN = tuple(n / 100 for n in range(10))
 
 
-def compared(before: list[Flight], after: list[Flight], **limits: float) -> Comparison:
-    old, new = (cells_of(one.result() for one in given) for given in (before, after))
-    return compare(old, new, Limits(**limits))
+def compared(before: list[Flight], after: list[Flight], **limits: float) -> FlightComparison:
+    old, new = (runs_by_cell(one.result() for one in given) for given in (before, after))
+    return compare_flown_sets(old, new, LossLimits(**limits))
 
 
 def test_a_large_loss_is_worse_and_a_small_one_may_be_chance() -> None:
@@ -111,8 +111,8 @@ def test_a_margin_that_no_limit_gives_is_not_taken_for_nothing_near() -> None:
         return replace(plain, oracles=(replace(oracle, limit=None, margin=None),))
 
     now = near("a", [0.15] * 10)
-    old, new = cells_of(map(unlimited, now)), cells_of(one.result() for one in now)
-    (rate,) = compare(old, new, Limits(margin=0.1)).changes
+    old, new = runs_by_cell(map(unlimited, now)), runs_by_cell(one.result() for one in now)
+    (rate,) = compare_flown_sets(old, new, LossLimits(margin=0.1)).changes
     assert rate.what == "pass rate"
 
 

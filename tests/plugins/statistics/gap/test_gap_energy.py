@@ -9,7 +9,7 @@ import pytest
 
 from tests.orchestrator.reading.flown_campaign import flights, write_flown
 from wil_campaign.plugins.statistics.gap.energy import EnergyFigure
-from wil_campaign.plugins.statistics.gap.gap import ALL_CASES, Gap, measure_gap
+from wil_campaign.plugins.statistics.gap.gap import ALL_CASES, CampaignGap, measure_gap
 from wil_campaign.plugins.statistics.gap.motion import RunMotion
 from wil_campaign.plugins.statistics.study import Study
 from wil_campaign.plugins.statistics.study_tables import energy_rows
@@ -30,12 +30,12 @@ def motions(easts_m: Sequence[float], first_seed: int = 1) -> list[RunMotion]:
     return [motion(east_m, seed) for seed, east_m in enumerate(easts_m, first_seed)]
 
 
-def gap_of(real: Sequence[float], sim: Sequence[float], wil: Sequence[float]) -> Gap:
+def gap_of(real: Sequence[float], sim: Sequence[float], wil: Sequence[float]) -> CampaignGap:
     given = {"real": real, "sim": sim, "wil": wil}
     return measure_gap({("a", mode): motions(easts_m) for mode, easts_m in given.items()})
 
 
-def energy_in(gap: Gap, measure: str = "dtw", case: str = "a") -> EnergyFigure:
+def energy_in(gap: CampaignGap, measure: str = "dtw", case: str = "a") -> EnergyFigure:
     return next(
         energy for energy in gap.energies if (energy.measure, energy.case) == (measure, case)
     )

@@ -8,7 +8,7 @@ import pytest
 from tests.orchestrator.reading.flown_campaign import DONE_S, flights, write_flown
 from wil_campaign.plugins.statistics.gap.motion import MotionError, read_motion
 from wil_campaign.plugins.statistics.study import Study
-from wil_campaign.plugins.statistics.study_tables import statements
+from wil_campaign.plugins.statistics.study_tables import study_statements
 
 RUN = "large/real/1"
 
@@ -41,7 +41,7 @@ def test_a_damaged_trajectory_stands_for_no_commands(
         read_motion(flown / RUN, "real", 1)
     study = Study.read(flown)
     assert study.gap.left_out[0].startswith(f"{RUN}: trajectory.csv")
-    assert any(RUN in text and says in text for text in statements(study))
+    assert any(RUN in text and says in text for text in study_statements(study))
 
 
 def test_a_trajectory_that_ends_after_the_goal_is_whole(flown: Path) -> None:

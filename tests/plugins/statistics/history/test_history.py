@@ -14,8 +14,8 @@ from tests.orchestrator.report.rendering.test_overview import CLEAR, FAST, judge
 from tests.orchestrator.run_results.test_flown_firmware import BOARD
 from wil_campaign.foundation.files.document_writer import to_json
 from wil_campaign.orchestrator.cli import main
-from wil_campaign.orchestrator.reading.results_folder import read_campaign
-from wil_campaign.plugins.statistics.history.records import records_of
+from wil_campaign.orchestrator.reading.results_folder import read_campaign_documents
+from wil_campaign.plugins.statistics.history.records import flight_records_of
 
 Capture = pytest.CaptureFixture[str]
 HOSTILE = "<script>alert(1)</script>\x1b[31m"
@@ -278,7 +278,7 @@ def test_flights_by_other_settings_are_not_of_one_line(tmp_path: Path, capsys: C
 def test_the_history_keeps_metres_in_which_flights_are_compared(tmp_path: Path) -> None:
     folder = write_flown(tmp_path / "a", flights("a", "wil", "F"), with_motion=False)
     (folder / "a/wil/1/result.json").write_text(to_json(judged(CLEAR, FAST)))
-    (record,) = records_of(read_campaign(folder))
+    (record,) = flight_records_of(read_campaign_documents(folder))
     assert record.margin == 0.4
 
 
@@ -317,7 +317,7 @@ def test_another_firmware_is_no_flake(tmp_path: Path, capsys: Capture) -> None:
 
 
 def test_a_line_of_an_earlier_version_keeps_its_inputs(tmp_path: Path) -> None:
-    (old, *_) = records_of(read_campaign(with_firmware(tmp_path, 1, None)))
-    (new, *_) = records_of(read_campaign(with_firmware(tmp_path, 2, "4.6.1")))
+    (old, *_) = flight_records_of(read_campaign_documents(with_firmware(tmp_path, 1, None)))
+    (new, *_) = flight_records_of(read_campaign_documents(with_firmware(tmp_path, 2, "4.6.1")))
     assert (old.firmware, old.inputs) == ("", "64fd6ecdec068cf7")
     assert new.inputs != old.inputs

@@ -9,14 +9,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from wil_campaign.plugins.statistics.gap.trajectory_distances import (
-    alignment,
-    dtw_m,
-    frechet_m,
+    cheapest_alignment,
+    dtw_distance_m,
+    frechet_distance_m,
     time_aligned_rmse_m,
 )
 from wil_campaign.plugins.statistics.inference.bootstrap import F64, bootstrap_interval
 from wil_campaign.plugins.statistics.inference.exact_tests import (
-    Counts,
+    PassCounts,
     fisher_exact,
     stratified_exact,
     stratified_rounded,
@@ -25,12 +25,14 @@ from wil_campaign.plugins.statistics.inference.exact_tests import (
 
 def test_fishers_test_gives_what_is_published() -> None:
     # Fisher's tea: Agresti, Categorical Data Analysis, section 3.5.2.
-    assert fisher_exact(Counts(3, 4), Counts(1, 4)) == pytest.approx(0.4857, abs=1e-4)
-    assert fisher_exact(Counts(1, 4), Counts(3, 4), "less") == pytest.approx(0.2429, abs=1e-4)
-    assert fisher_exact(Counts(5, 5), Counts(1, 5)) == pytest.approx(0.0476, abs=1e-4)
-    assert fisher_exact(Counts(5, 5), Counts(4, 5)) == 1.0
-    assert fisher_exact(Counts(30, 30), Counts(21, 30)) == pytest.approx(0.0019, abs=1e-4)
-    assert fisher_exact(Counts(0, 0), Counts(3, 5)) == 1.0
+    assert fisher_exact(PassCounts(3, 4), PassCounts(1, 4)) == pytest.approx(0.4857, abs=1e-4)
+    assert fisher_exact(PassCounts(1, 4), PassCounts(3, 4), "less") == pytest.approx(
+        0.2429, abs=1e-4
+    )
+    assert fisher_exact(PassCounts(5, 5), PassCounts(1, 5)) == pytest.approx(0.0476, abs=1e-4)
+    assert fisher_exact(PassCounts(5, 5), PassCounts(4, 5)) == 1.0
+    assert fisher_exact(PassCounts(30, 30), PassCounts(21, 30)) == pytest.approx(0.0019, abs=1e-4)
+    assert fisher_exact(PassCounts(0, 0), PassCounts(3, 5)) == 1.0
 
 
 @settings(max_examples=40, deadline=None)
@@ -41,7 +43,7 @@ def test_fishers_test_gives_what_is_published() -> None:
 def test_the_stratified_test_is_that_of_all_outcomes(
     strata: list[tuple[int, int, int, int]], alternative: str
 ) -> None:
-    tables = [(Counts(a, a + b), Counts(c, c + d)) for a, b, c, d in strata]
+    tables = [(PassCounts(a, a + b), PassCounts(c, c + d)) for a, b, c, d in strata]
     weights: dict[int, int] = {}
     ranges = [range(one.passed + other.passed + 1) for one, other in tables]
     for outcome in itertools.product(*ranges):
@@ -70,12 +72,12 @@ def test_the_stratified_test_is_that_of_all_outcomes(
     )
 )
 def test_the_rounded_test_agrees_with_the_exact_one(drawn: list[list[list[int]]]) -> None:
-    tables = [(Counts(*one), Counts(*other)) for one, other in drawn]
+    tables = [(PassCounts(*one), PassCounts(*other)) for one, other in drawn]
     assert stratified_rounded(tables) == pytest.approx(stratified_exact(tables), abs=1e-9)
 
 
 def test_the_rounded_test_of_a_nearly_impossible_result_is_zero() -> None:
-    assert stratified_rounded([(Counts(0, 2000), Counts(2000, 2000))]) == pytest.approx(0.0)
+    assert stratified_rounded([(PassCounts(0, 2000), PassCounts(2000, 2000))]) == pytest.approx(0.0)
 
 
 def test_the_bootstrap_agrees_with_scipys() -> None:
@@ -107,7 +109,7 @@ LINE = np.stack([np.linspace(0.0, 4.0, 41), np.zeros(41), np.zeros(41)], axis=1)
 
 def test_distances_of_known_trajectories() -> None:
     beside = LINE + np.array([0.0, 0.5, 0.0])
-    for distance in (dtw_m, frechet_m, time_aligned_rmse_m):
+    for distance in (dtw_distance_m, frechet_distance_m, time_aligned_rmse_m):
         assert distance(LINE, LINE) == 0.0
         assert distance(LINE, beside) == pytest.approx(0.5)
         assert distance(beside, LINE) == pytest.approx(0.5)
@@ -115,8 +117,8 @@ def test_distances_of_known_trajectories() -> None:
 
 def test_time_matters_to_one_of_them_alone() -> None:
     late = np.concatenate([np.repeat(LINE[:1], 10, 0), LINE])
-    assert dtw_m(LINE, late) == pytest.approx(0.0)
-    assert frechet_m(LINE, late) == pytest.approx(0.0)
+    assert dtw_distance_m(LINE, late) == pytest.approx(0.0)
+    assert frechet_distance_m(LINE, late) == pytest.approx(0.0)
     # 30 samples 1 m behind, then 0.9 to 0 m while the first stands at its end, of 51.
     expected = np.sqrt((sum((k / 10) ** 2 for k in range(10)) * 2 + 31 * 1.0) / 51)
     assert time_aligned_rmse_m(LINE, late) == pytest.approx(expected)
@@ -125,8 +127,8 @@ def test_time_matters_to_one_of_them_alone() -> None:
 def test_a_detour_lengthens_the_leash_and_hardly_the_mean() -> None:
     spike = LINE.copy()
     spike[20, 1] = 2.0
-    assert frechet_m(LINE, spike) == pytest.approx(2.0)
-    assert dtw_m(LINE, spike) < 0.1
+    assert frechet_distance_m(LINE, spike) == pytest.approx(2.0)
+    assert dtw_distance_m(LINE, spike) < 0.1
 
 
 def _frechet_of(one: F64, other: F64, i: int, j: int) -> float:
@@ -144,7 +146,7 @@ def test_the_distance_is_that_of_its_definition() -> None:
     rng = np.random.default_rng(1)
     for _ in range(5):
         one, other = rng.normal(size=(5, 3)), rng.normal(size=(6, 3))
-        assert frechet_m(one, other) == pytest.approx(_frechet_of(one, other, 4, 5))
+        assert frechet_distance_m(one, other) == pytest.approx(_frechet_of(one, other, 4, 5))
 
 
 def _warping_paths(rows: int, columns: int) -> list[list[tuple[int, int]]]:
@@ -164,6 +166,6 @@ def test_the_alignment_is_the_cheapest_of_all() -> None:
         one, other = rng.normal(size=(5, 3)), rng.normal(size=(6, 3))
         apart = np.linalg.norm(one[:, None] - other[None], axis=2)
         best = min(_warping_paths(5, 6), key=lambda path: sum(apart[pair] for pair in path))
-        ours, theirs = alignment(one, other)
+        ours, theirs = cheapest_alignment(one, other)
         assert list(zip(ours.tolist(), theirs.tolist(), strict=True)) == best
-        assert dtw_m(one, other) == pytest.approx(np.mean([apart[pair] for pair in best]))
+        assert dtw_distance_m(one, other) == pytest.approx(np.mean([apart[pair] for pair in best]))

@@ -22,7 +22,7 @@ from tests.recipes.samples import (
     plain,
     scan,
 )
-from wil_campaign.recipes.model.registry import Context
+from wil_campaign.recipes.model.registry import StepContext
 from wil_campaign.recipes.working import CannotMixError, Masked
 
 ranges = npst.arrays(
@@ -231,7 +231,7 @@ def test_the_background_may_be_a_picture(tmp_path: Path) -> None:
     cv2.imwrite(str(tmp_path / "empty.png"), plain())
     step = build(
         "subtract_background",
-        Context(folder=tmp_path),
+        StepContext(folder=tmp_path),
         method="picture",
         picture="empty.png",
         remove_specks_px=0,
@@ -246,7 +246,7 @@ def test_the_background_may_be_a_picture(tmp_path: Path) -> None:
 
 def test_a_background_that_cannot_be_read_is_reported(tmp_path: Path) -> None:
     (tmp_path / "bad.png").write_bytes(b"no picture")
-    kind = build.__globals__["find"]("subtract_background")
+    kind = build.__globals__["find_step"]("subtract_background")
     for name, said in (("bad.png", "not an image that can be read"), ("none.png", "no file")):
         (fault,) = kind.parameters(method="picture", picture=name).faults(tmp_path)
         assert said in fault.message

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 
 from tests.recipes.samples import build, camera
 from wil_campaign.plugins.steps.operations.photometry import (
-    Correction,
-    Corrector,
+    PhotometricCorrection,
+    PhotometricCorrector,
     measure_photometry,
 )
 from wil_campaign.recipes.working import CannotMixError, Masked
@@ -110,20 +110,20 @@ def test_blur_of_an_isolated_object_takes_in_nothing_of_its_background() -> None
     image = np.full((HEIGHT, WIDTH, 3), 255, np.uint8)
     image[80:160, 100:200] = (0, 0, 200)
     mask = np.where((image == (0, 0, 200)).all(axis=2), 255, 0).astype(np.uint8)
-    what = Correction(blur_sigma_px=3.0)
-    made = Corrector(0).applied(image, mask, what, 0)
+    what = PhotometricCorrection(blur_sigma_px=3.0)
+    made = PhotometricCorrector(0).applied(image, mask, what, 0)
     assert (made[mask == 255] == (0, 0, 200)).all()
     assert (made[mask == 0] == 255).all()
-    spread = Corrector(0).applied(image, None, what, 0)
+    spread = PhotometricCorrector(0).applied(image, None, what, 0)
     assert (spread[mask == 255] != (0, 0, 200)).any()
 
 
 def test_noise_repeats_and_differs_from_frame_to_frame() -> None:
-    what = Correction(noise_std_dn=4.0)
+    what = PhotometricCorrection(noise_std_dn=4.0)
     image = np.full((HEIGHT, WIDTH, 3), 100, np.uint8)
-    first, again = (Corrector(3).applied(image, None, what, 5) for _ in range(2))
+    first, again = (PhotometricCorrector(3).applied(image, None, what, 5) for _ in range(2))
     assert np.array_equal(first, again)
-    assert not np.array_equal(first, Corrector(3).applied(image, None, what, 6))
+    assert not np.array_equal(first, PhotometricCorrector(3).applied(image, None, what, 6))
     assert first.astype(float).std() == pytest.approx(4.0, rel=0.03)
     assert first.astype(float).mean() == pytest.approx(100.0, abs=0.1)
 

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.recipes.samples import beam, build, camera, cloud, fix, imu, pose, scan
-from wil_campaign.plugins.steps.operations.interpolation import INTERPOLATED, between
+from wil_campaign.plugins.steps.operations.interpolation import INTERPOLATED, interpolated_reading
 from wil_campaign.recipes.working import CannotMixError, Masked
 from wil_campaign.vehicles.readings import Reading
 from wil_campaign.worlds.frames import Pose, angle_between, quat_from_euler
@@ -64,7 +64,7 @@ def test_a_gap_is_bounded() -> None:
 
 def made_between(one: R, other: R, fraction: float) -> R:
     """Return the reading between two of one kind, which there is."""
-    made = between(one, other, fraction)
+    made = interpolated_reading(one, other, fraction)
     assert isinstance(made, type(one))
     return made
 
@@ -85,14 +85,16 @@ def test_between_two_readings_of_each_kind() -> None:
         pose(t_s=0.0), pose(Pose((1, 2, 3), quat_from_euler(0, 0, 1.0)), t_s=1.0), 0.5
     )
     assert angle_between(turned.pose.q_wxyz, quat_from_euler(0, 0, 0.5)) < 1e-9
-    assert between(scan([1], t_s=0.0), scan([1, 2], t_s=1.0), 0.5) is None
+    assert interpolated_reading(scan([1], t_s=0.0), scan([1, 2], t_s=1.0), 0.5) is None
     east = scan([1, 2], t_s=1.0, start_angle_rad=0.0)
-    assert between(scan([1, 2], t_s=0.0), east, 0.5) is None
-    assert between(cloud([[1, 2, 3]], t_s=0.0), cloud([[1, 2, 3]], t_s=1.0), 0.5) is None
+    assert interpolated_reading(scan([1, 2], t_s=0.0), east, 0.5) is None
+    assert (
+        interpolated_reading(cloud([[1, 2, 3]], t_s=0.0), cloud([[1, 2, 3]], t_s=1.0), 0.5) is None
+    )
 
 
 def test_only_types_with_a_between_can_be_interpolated() -> None:
-    parameters = build.__globals__["find"]("resample").parameters(how="interpolate")
+    parameters = build.__globals__["find_step"]("resample").parameters(how="interpolate")
     assert not any(parameters.refuses(kind) for kind in INTERPOLATED)
     assert "cannot be interpolated" in parameters.refuses("camera")
 

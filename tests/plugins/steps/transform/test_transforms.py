@@ -23,7 +23,7 @@ from tests.recipes.samples import (
     sound,
 )
 from wil_campaign.plugins.steps.operations.unit_factors import METRES
-from wil_campaign.recipes.model.registry import find
+from wil_campaign.recipes.model.registry import find_step
 from wil_campaign.recipes.operations.step_parameters import RotationPart
 from wil_campaign.recipes.working import CannotMixError, Masked
 from wil_campaign.vehicles.readings import sensor_names
@@ -88,7 +88,7 @@ class CountReading:
 
 
 def test_units_take_every_sensor_type_and_convert_what_they_know_of() -> None:
-    kind = find("units", "transform")
+    kind = find_step("units", "transform")
     assert kind is not None
     assert kind.sensors == sensor_names()
     unknown: Any = CountReading(3)

@@ -7,14 +7,14 @@ import pytest
 from tests.safety.oracles.oracle_rigs import build, pose, stage
 from wil_campaign.safety.fence.areas import Circle
 from wil_campaign.safety.fence.geofence import Fence
-from wil_campaign.safety.fence.stopping import Motion
-from wil_campaign.safety.guard.core.commands import NewFences, Operate
+from wil_campaign.safety.fence.stopping import VehicleMotion
+from wil_campaign.safety.guard.core.commands import NewFences, OperatorAction
 from wil_campaign.safety.guard.core.events import GuardedVehicle, GuardEvent, GuardSettings
 from wil_campaign.safety.guard.core.fence_exchange import refusal_of_change
 from wil_campaign.safety.guard.core.guard_core import GuardCore
 from wil_campaign.safety.guard.core.operator_command import OperatorCommand
 from wil_campaign.safety.model.samples import FenceSample, PoseSample
-from wil_campaign.vehicles.autopilots.autopilot import Target
+from wil_campaign.vehicles.autopilots.autopilot import MavlinkTarget
 from wil_campaign.vehicles.autopilots.px4 import Px4
 from wil_campaign.worlds.frames import Pose, Vec3
 
@@ -24,7 +24,7 @@ NEW = Fence.box(north_m=(-1, 2), east_m=(-1, 1), up_m=(-1, 2))
 
 def why(at: Vec3, velocity: Vec3 = (0, 0, 0), *, keep_m: float = 0.0) -> str:
     return refusal_of_change(
-        NEW, Motion(at, velocity), latency_s=0.5, braking_m_s2=2.5, keep_m=keep_m
+        NEW, VehicleMotion(at, velocity), latency_s=0.5, braking_m_s2=2.5, keep_m=keep_m
     )
 
 
@@ -70,7 +70,7 @@ def place(name: str, north_m: float, t_s: float) -> PoseSample:
 
 def core_of_two() -> GuardCore:
     vehicles = {
-        name: GuardedVehicle(autopilot=Px4(), target=Target(number), fence=OLD)
+        name: GuardedVehicle(autopilot=Px4(), target=MavlinkTarget(number), fence=OLD)
         for number, name in enumerate(("real", "twin"), 1)
     }
     return GuardCore(vehicles=vehicles, settings=GuardSettings(keep_m=0.1))
@@ -107,7 +107,7 @@ def test_the_guard_changes_all_fences_or_none() -> None:
 def test_a_vehicle_that_lands_already_keeps_its_fence() -> None:
     core = core_of_two()
     core.position(place("real", 0.0, 1.0))
-    core.apply(Operate(OperatorCommand("abort", "bert")), 1.1)
+    core.apply(OperatorAction(OperatorCommand("abort", "bert")), 1.1)
     assert event_texts(core.apply(NewFences("anna", {"real": NEW}), 1.2)) == [
         ("refused", "anna: geofence: all vehicles are landing")
     ]

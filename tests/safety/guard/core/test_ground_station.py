@@ -6,13 +6,23 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from tests.safety.guard.guard_rigs import GCS, command, make_pair, mode_command
-from wil_campaign.safety.guard.core.contingency import Phase
-from wil_campaign.safety.guard.core.events import GuardEvent, ToVehicle, brings_down, decisive
-from wil_campaign.vehicles.autopilots.autopilot import Mode, Target, command_long, own_heartbeat
+from wil_campaign.safety.guard.core.contingency import ContingencyPhase
+from wil_campaign.safety.guard.core.events import (
+    GuardEvent,
+    ToVehicle,
+    brings_down,
+    decisive_guard_event,
+)
+from wil_campaign.vehicles.autopilots.autopilot import (
+    FlightMode,
+    MavlinkTarget,
+    command_long,
+    own_heartbeat,
+)
 from wil_campaign.vehicles.autopilots.px4 import Px4
 
 
-def velocity(target: Target) -> Any:
+def velocity(target: MavlinkTarget) -> Any:
     return Px4().velocity_setpoint(target, t_boot_ms=0, velocity_ned_m_s=(1.0, 0.0, 0.0))
 
 
@@ -30,7 +40,7 @@ def file_operation(opcode: int) -> bytes:
     [
         (command(mavlink.MAV_CMD_DO_SET_STANDARD_MODE, 1.0, codec=GCS), True),
         (command(mavlink.MAV_CMD_DO_PARACHUTE, 2.0, codec=GCS), True),
-        (mode_command(Mode.HOLD, GCS), True),
+        (mode_command(FlightMode.HOLD, GCS), True),
         (command(mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH, codec=GCS), True),
         (command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0.0, codec=GCS), True),
         (GCS.pack(mavlink.MAVLink_set_mode_message(1, 1, 4)), True),
@@ -38,8 +48,8 @@ def file_operation(opcode: int) -> bytes:
         (GCS.pack(mavlink.MAVLink_param_request_list_message(1, 1)), False),
         (GCS.pack(mavlink.MAVLink_gps_rtcm_data_message(0, 4, bytes(180))), False),
         (file_operation(4), False),
-        (GCS.pack(command_long(Target(0), mavlink.MAV_CMD_DO_SET_MODE, 1, 4, 6)), True),
-        (GCS.pack(velocity(Target(1))), True),
+        (GCS.pack(command_long(MavlinkTarget(0), mavlink.MAV_CMD_DO_SET_MODE, 1, 4, 6)), True),
+        (GCS.pack(velocity(MavlinkTarget(1))), True),
     ],
 )
 def test_a_ground_station_takes_over_by_a_mode_command(
@@ -49,7 +59,7 @@ def test_a_ground_station_takes_over_by_a_mode_command(
     assert outputs[0] == ToVehicle("real", (frame,))
     pair.apply(outputs)
     assert (pair.core.latched == "takeover") == takes
-    assert (pair.core.phases["real"] is Phase.PILOT) == takes
+    assert (pair.core.phases["real"] is ContingencyPhase.PILOT) == takes
     pair.fly(20.0)
     assert pair.vehicles["twin"].armed == (not takes)
 
@@ -80,17 +90,26 @@ def test_a_ground_station_takes_over_by_a_mode_command(
         (mavlink.MAVLink_att_pos_mocap_message(0, [0.0] * 4, 0, 0, 0), "ATT_POS_MOCAP"),
         (mavlink.MAVLink_distance_sensor_message(0, 1, 9, 5, 0, 0, 0, 0), "DISTANCE_SENSOR"),
         (mavlink.MAVLink_serial_control_message(10, 0, 0, 0, 2, [0] * 70), "SERIAL_CONTROL"),
-        (command_long(Target(1), mavlink.MAV_CMD_DO_CHANGE_SPEED, 1, 9), "MAV_CMD_DO_CHANGE_SPEED"),
-        (command_long(Target(1), mavlink.MAV_CMD_DO_SET_HOME, 1), "MAV_CMD_DO_SET_HOME"),
-        (command_long(Target(1), mavlink.MAV_CMD_DO_FENCE_ENABLE, 0), "MAV_CMD_DO_FENCE_ENABLE"),
         (
-            command_long(Target(1), mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1),
+            command_long(MavlinkTarget(1), mavlink.MAV_CMD_DO_CHANGE_SPEED, 1, 9),
+            "MAV_CMD_DO_CHANGE_SPEED",
+        ),
+        (command_long(MavlinkTarget(1), mavlink.MAV_CMD_DO_SET_HOME, 1), "MAV_CMD_DO_SET_HOME"),
+        (
+            command_long(MavlinkTarget(1), mavlink.MAV_CMD_DO_FENCE_ENABLE, 0),
+            "MAV_CMD_DO_FENCE_ENABLE",
+        ),
+        (
+            command_long(MavlinkTarget(1), mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1),
             "MAV_CMD_COMPONENT_ARM_DISARM",
         ),
         # Another vehicle's ground station sends everything on all of its links.
-        (command_long(Target(2), mavlink.MAV_CMD_DO_SET_MODE, 1, 4, 6), "MAV_CMD_DO_SET_MODE"),
+        (
+            command_long(MavlinkTarget(2), mavlink.MAV_CMD_DO_SET_MODE, 1, 4, 6),
+            "MAV_CMD_DO_SET_MODE",
+        ),
         (mavlink.MAVLink_set_mode_message(2, 1, 4), "SET_MODE"),
-        (velocity(Target(2)), "SET_POSITION_TARGET_LOCAL_NED"),
+        (velocity(MavlinkTarget(2)), "SET_POSITION_TARGET_LOCAL_NED"),
     ],
 )
 def test_changes_by_a_ground_station_do_not_reach_the_vehicle(
@@ -140,7 +159,7 @@ def test_sticks_of_a_ground_station_arrive_and_the_flight_is_invalid(
         sent, event = pair.core.from_gcs("real", frame, pair.t_s)
         assert sent == ToVehicle("real", (frame,))
         assert event.text.startswith("the ground station 255/190 sends positions of sticks to real")
-        outcome = decisive(event)
+        outcome = decisive_guard_event(event)
         assert outcome is not None
         assert (outcome.kind, brings_down(event)) == ("INVALID", False)
         # Once; and the guard lands nobody.
@@ -149,11 +168,11 @@ def test_sticks_of_a_ground_station_arrive_and_the_flight_is_invalid(
 
 
 def test_a_pilot_who_has_taken_over_configures(pair: Any) -> None:
-    pair.apply(pair.core.from_gcs("real", mode_command(Mode.HOLD, GCS), pair.t_s))
+    pair.apply(pair.core.from_gcs("real", mode_command(FlightMode.HOLD, GCS), pair.t_s))
     for message in (
         parameter_set("RTL_RETURN_ALT"),
         mavlink.MAVLink_manual_control_message(1, 0, 0, 500, 0, 0),
-        command_long(Target(1), mavlink.MAV_CMD_DO_CHANGE_SPEED, 1, 9),
+        command_long(MavlinkTarget(1), mavlink.MAV_CMD_DO_CHANGE_SPEED, 1, 9),
     ):
         frame = GCS.pack(message)
         assert pair.core.from_gcs("real", frame, pair.t_s) == (ToVehicle("real", (frame,)),)

@@ -6,10 +6,10 @@ import pytest
 
 from tests.safety.guard.guard_rigs import FENCE, abort, setpoint
 from wil_campaign.safety.guard.core.commands import BringDown, ClocksApart
-from wil_campaign.safety.guard.core.contingency import Phase
-from wil_campaign.safety.guard.core.events import GuardedVehicle, ToVehicle, decisive
+from wil_campaign.safety.guard.core.contingency import ContingencyPhase
+from wil_campaign.safety.guard.core.events import GuardedVehicle, ToVehicle, decisive_guard_event
 from wil_campaign.safety.guard.core.guard_core import GuardCore
-from wil_campaign.vehicles.autopilots.autopilot import Mode, Target
+from wil_campaign.vehicles.autopilots.autopilot import FlightMode, MavlinkTarget
 from wil_campaign.vehicles.autopilots.px4 import Px4
 
 
@@ -18,10 +18,10 @@ def pair(fake_vehicle: Any, rig: Any) -> Any:
     vehicles = {name: fake_vehicle(name, Px4(), system=i) for i, name in ((1, "real"), (2, "twin"))}
     core = GuardCore(
         vehicles={
-            "real": GuardedVehicle(autopilot=Px4(), target=Target(1), fence=FENCE),
+            "real": GuardedVehicle(autopilot=Px4(), target=MavlinkTarget(1), fence=FENCE),
             "twin": GuardedVehicle(
                 autopilot=Px4(),
-                target=Target(2),
+                target=MavlinkTarget(2),
                 fence=FENCE,
                 lands_alone=True,
                 abandoned_when_lost=True,
@@ -43,11 +43,11 @@ def leave_fence(pair: Any) -> None:
 
 
 def fail_over(pair: Any) -> None:
-    pair.vehicles["twin"].mode = Mode.RTL
+    pair.vehicles["twin"].mode = FlightMode.RTL
 
 
 def take_over(pair: Any) -> None:
-    pair.vehicles["twin"].mode = Mode.PILOT
+    pair.vehicles["twin"].mode = FlightMode.PILOT
 
 
 def fall_silent(pair: Any) -> None:
@@ -60,17 +60,19 @@ def test_the_other_stays_in_command_of_the_orchestrator(pair: Any, trouble: Any)
     pair.fly(6.0)
     assert pair.core.latched is None
     assert pair.kinds() == ["alone"]
-    assert decisive(next(event for event in pair.events if event.kind == "alone")) is None
+    assert (
+        decisive_guard_event(next(event for event in pair.events if event.kind == "alone")) is None
+    )
     assert passes(pair, "real", 1)
     assert not passes(pair, "twin", 2)
-    assert pair.core.phases["real"] is Phase.IDLE
+    assert pair.core.phases["real"] is ContingencyPhase.IDLE
     assert "LAND" not in pair.vehicles["real"].words()
 
 
 def test_it_lands_and_then_nothing_of_it_may_be_armed(pair: Any) -> None:
     leave_fence(pair)
     pair.fly(15.0)
-    assert pair.core.phases["twin"] is Phase.DOWN
+    assert pair.core.phases["twin"] is ContingencyPhase.DOWN
     assert not pair.vehicles["twin"].armed
     assert pair.core.may_be_armed(pair.t_s) == ("real",)
 
@@ -86,9 +88,9 @@ def test_a_silent_vehicle_is_not_waited_for(pair: Any) -> None:
 
 def test_a_silent_vehicle_that_may_be_in_the_air_is_waited_for(fake_vehicle: Any, rig: Any) -> None:
     actor = GuardedVehicle(
-        autopilot=Px4(), target=Target(2), fence=FENCE, lands_alone=True, attached=True
+        autopilot=Px4(), target=MavlinkTarget(2), fence=FENCE, lands_alone=True, attached=True
     )
-    real = GuardedVehicle(autopilot=Px4(), target=Target(1), fence=FENCE)
+    real = GuardedVehicle(autopilot=Px4(), target=MavlinkTarget(1), fence=FENCE)
     vehicles = {name: fake_vehicle(name, Px4(), system=i) for i, name in ((1, "real"), (2, "twin"))}
     pair = rig(GuardCore(vehicles={"real": real, "twin": actor}), vehicles)
     pair.fly(1.0)
@@ -98,7 +100,7 @@ def test_a_silent_vehicle_that_may_be_in_the_air_is_waited_for(fake_vehicle: Any
     assert set(pair.core.may_be_armed(pair.t_s)) == {"real", "twin"}
     pair.apply(pair.core.apply(BringDown("enough"), pair.t_s))
     pair.fly(15.0)
-    assert pair.core.phases["real"] is Phase.DOWN
+    assert pair.core.phases["real"] is ContingencyPhase.DOWN
     assert not pair.core.all_down
 
 

@@ -16,13 +16,13 @@ from tests.safety.guard.guard_rigs import (
 )
 from wil_campaign.safety.fence.geofence import Fence
 from wil_campaign.safety.guard.core.commands import (
-    Alive,
     AnchorAt,
     BringDown,
     ClocksApart,
     CoreMessage,
     NewFences,
-    Operate,
+    OperatorAction,
+    OrchestratorAlive,
     OrchestratorEnded,
     VehicleGone,
 )
@@ -32,13 +32,13 @@ from wil_campaign.safety.guard.core.events import (
     ToGcs,
     ToOrchestrator,
     ToVehicle,
-    decisive,
+    decisive_guard_event,
 )
 from wil_campaign.safety.guard.core.operator_command import OperatorCommand
 from wil_campaign.safety.model.samples import PoseSample
-from wil_campaign.vehicles.autopilots.autopilot import Mode, own_heartbeat
+from wil_campaign.vehicles.autopilots.autopilot import FlightMode, own_heartbeat
 from wil_campaign.vehicles.autopilots.failsafes import OWN_SYSTEM_ID
-from wil_campaign.vehicles.mavlink.codec import Codec
+from wil_campaign.vehicles.mavlink.codec import MavlinkCodec
 from wil_campaign.worlds.frames import Pose
 
 
@@ -83,7 +83,7 @@ def test_a_breach_is_foreseen_and_stops_both_inside(pair: Any) -> None:
     assert pair.vehicles["real"].north_m < 5.0
     pair.fly(20.0)
     assert pair.core.all_down
-    outcome = decisive(event)
+    outcome = decisive_guard_event(event)
     assert outcome is not None
     assert outcome.kind == "FAIL"
 
@@ -96,7 +96,7 @@ def test_a_breach_answers_in_the_same_call(pair: Any) -> None:
 
 def test_the_guard_speaks_as_the_ground_station_that_the_autopilot_heeds(pair: Any) -> None:
     """ArduPilot heeds the heartbeats, and with SYSID_ENFORCE the commands, of one system only."""
-    outputs = pair.core.apply(Operate(OperatorCommand("abort", "anna")), pair.t_s)
+    outputs = pair.core.apply(OperatorAction(OperatorCommand("abort", "anna")), pair.t_s)
     frames = [frame for out in outputs if isinstance(out, ToVehicle) for frame in out.frames]
     assert {(frame[5], frame[6]) for frame in frames} == {(OWN_SYSTEM_ID, 191)}
     assert 0 in {frame[7] for frame in frames}, "a heartbeat is among them"
@@ -120,8 +120,8 @@ def sink(pair: Any) -> None:
 
 def test_a_landing_vehicle_is_not_held_to_the_floor(pair: Any) -> None:
     real = pair.vehicles["real"]
-    to_orchestrator(pair, "real", mode_command(Mode.LAND))
-    real.mode = Mode.LAND
+    to_orchestrator(pair, "real", mode_command(FlightMode.LAND))
+    real.mode = FlightMode.LAND
     pair.fly(1.0)
     sink(pair)
     assert pair.core.latched is None
@@ -134,8 +134,8 @@ def test_a_landing_vehicle_is_held_to_the_sides_of_a_changed_fence(pair: Any) ->
     smaller = Fence.box(north_m=(-2, 2), east_m=(-3, 3), up_m=(-1, 6))
     pair.apply(pair.core.apply(NewFences("anna", {"real": smaller}), pair.t_s))
     assert pair.kinds() == ["geofence"]
-    to_orchestrator(pair, "real", mode_command(Mode.LAND))
-    pair.vehicles["real"].mode = Mode.LAND
+    to_orchestrator(pair, "real", mode_command(FlightMode.LAND))
+    pair.vehicles["real"].mode = FlightMode.LAND
     pair.fly(1.0)
     assert pair.core.latched is None
     sideways = PoseSample(pair.t_s, "real", Pose((3, 0, -2)), (0, 0, 0))
@@ -179,7 +179,7 @@ def test_a_position_that_is_not_finite_moves_nothing(pair: Any) -> None:
 
 def test_orchestrator_silence_lands_both_within_half_a_second(pair: Any) -> None:
     def alive() -> None:
-        pair.apply(pair.core.apply(Alive(), pair.t_s))
+        pair.apply(pair.core.apply(OrchestratorAlive(), pair.t_s))
 
     pair.fly(3.0, each=alive)
     assert not pair.core.latched
@@ -189,7 +189,7 @@ def test_orchestrator_silence_lands_both_within_half_a_second(pair: Any) -> None
     first = pair.vehicles["real"].heard[0]
     assert first[0] - killed_s <= 0.5
     assert pair.core.all_down
-    pair.apply(pair.core.apply(Alive(), pair.t_s))
+    pair.apply(pair.core.apply(OrchestratorAlive(), pair.t_s))
     assert pair.kinds() == ["silence", "heard"]
     assert to_orchestrator(pair, "real", setpoint()) == ()
 
@@ -225,8 +225,8 @@ def test_a_simulator_that_ended_is_reported_and_the_other_vehicle_lands(pair: An
 @pytest.mark.parametrize(
     ("message", "kind", "vehicle", "text"),
     [
-        (Operate(OperatorCommand("abort", "anna")), "abort", "", "aborted by anna"),
-        (Operate(OperatorCommand("hold", "anna")), "hold", "", "held by anna"),
+        (OperatorAction(OperatorCommand("abort", "anna")), "abort", "", "aborted by anna"),
+        (OperatorAction(OperatorCommand("hold", "anna")), "hold", "", "held by anna"),
         (BringDown("the twin is late"), "bring_down", "", "the twin is late"),
         (NewFences("anna", {"twin": FENCE}), "geofence", "", "anna changed the fence of twin"),
         (VehicleGone("twin", "twin ended"), "lost", "twin", "twin ended"),
@@ -248,7 +248,7 @@ def test_a_message_is_applied_at_its_time_and_reported_in_its_words(
 
 def test_the_guard_reads_no_files_of_fences(pair: Any) -> None:
     with pytest.raises(ValueError, match="the guard takes parsed fences"):
-        pair.core.apply(Operate(OperatorCommand("geofence", "anna", document="a file")), 1.0)
+        pair.core.apply(OperatorAction(OperatorCommand("geofence", "anna", document="a file")), 1.0)
 
 
 @pytest.mark.parametrize("lands", [True, False])
@@ -298,14 +298,14 @@ def test_a_vehicle_is_received_by_its_own_system_only(pair: Any) -> None:
 
 
 def test_hold_and_resume(pair: Any) -> None:
-    pair.apply(pair.core.apply(Operate(OperatorCommand("hold", "anna")), pair.t_s))
+    pair.apply(pair.core.apply(OperatorAction(OperatorCommand("hold", "anna")), pair.t_s))
     pair.fly(5.0)
-    assert {v.mode for v in pair.vehicles.values()} == {Mode.HOLD}
+    assert {v.mode for v in pair.vehicles.values()} == {FlightMode.HOLD}
     assert to_orchestrator(pair, "real", setpoint()) == ()
     assert pair.core.latched is None
-    pair.apply(pair.core.apply(Operate(OperatorCommand("resume", "anna")), pair.t_s))
+    pair.apply(pair.core.apply(OperatorAction(OperatorCommand("resume", "anna")), pair.t_s))
     assert to_orchestrator(pair, "real", setpoint())
-    to_orchestrator(pair, "real", mode_command(Mode.GUIDED))
+    to_orchestrator(pair, "real", mode_command(FlightMode.GUIDED))
     pair.fly(5.0)
     assert pair.core.latched is None
     assert pair.kinds() == ["hold", "dropped", "resume"]
@@ -314,34 +314,34 @@ def test_hold_and_resume(pair: Any) -> None:
 def test_a_hold_that_is_seen_only_after_the_resume_is_no_failsafe(pair: Any) -> None:
     """Heartbeats come once a second, and a radio is late."""
     for kind in ("hold", "resume"):
-        pair.apply(pair.core.apply(Operate(OperatorCommand(kind, "anna")), pair.t_s))
+        pair.apply(pair.core.apply(OperatorAction(OperatorCommand(kind, "anna")), pair.t_s))
     pair.fly(2.0)
-    assert {v.mode for v in pair.vehicles.values()} == {Mode.HOLD}
+    assert {v.mode for v in pair.vehicles.values()} == {FlightMode.HOLD}
     assert (pair.core.latched, pair.kinds()) == (None, ["hold", "resume"])
     for name in pair.vehicles:
-        to_orchestrator(pair, name, mode_command(Mode.GUIDED))
+        to_orchestrator(pair, name, mode_command(FlightMode.GUIDED))
     pair.fly(5.0)
-    pair.vehicles["real"].mode = Mode.HOLD
+    pair.vehicles["real"].mode = FlightMode.HOLD
     pair.fly(1.1)
     assert pair.core.latched == "failsafe"
 
 
-@pytest.mark.parametrize("mode", [Mode.LAND, Mode.RTL])
-def test_a_failsafe_right_after_a_resume_is_seen(pair: Any, mode: Mode) -> None:
+@pytest.mark.parametrize("mode", [FlightMode.LAND, FlightMode.RTL])
+def test_a_failsafe_right_after_a_resume_is_seen(pair: Any, mode: FlightMode) -> None:
     for kind in ("hold", "resume"):
-        pair.apply(pair.core.apply(Operate(OperatorCommand(kind, "anna")), pair.t_s))
+        pair.apply(pair.core.apply(OperatorAction(OperatorCommand(kind, "anna")), pair.t_s))
     pair.vehicles["real"].mode = mode
     pair.fly(1.1)
     assert pair.core.latched == "failsafe"
 
 
 @pytest.mark.parametrize("name", ["real", "twin"])
-@pytest.mark.parametrize("mode", [Mode.LAND, Mode.RTL])
+@pytest.mark.parametrize("mode", [FlightMode.LAND, FlightMode.RTL])
 def test_a_failsafe_of_a_held_vehicle_is_supervised_not_fought(
-    pair: Any, name: str, mode: Mode
+    pair: Any, name: str, mode: FlightMode
 ) -> None:
     """real is a PX4, twin an ArduCopter, which starts such a failsafe only once."""
-    pair.apply(pair.core.apply(Operate(OperatorCommand("hold", "anna")), pair.t_s))
+    pair.apply(pair.core.apply(OperatorAction(OperatorCommand("hold", "anna")), pair.t_s))
     pair.fly(5.0)
     held = pair.vehicles[name]
     held.mode, held.critical, held.north_m_s = mode, True, -0.5
@@ -349,7 +349,7 @@ def test_a_failsafe_of_a_held_vehicle_is_supervised_not_fought(
     pair.fly(0.6)
     assert pair.core.latched == "failsafe"
     assert {word for _, word in held.heard[before:]} <= {"HEARTBEAT"}
-    held.mode = Mode.LAND
+    held.mode = FlightMode.LAND
     pair.fly(20.0)
     assert pair.core.all_down
     assert "HOLD" not in [word for _, word in held.heard[before:]]
@@ -360,22 +360,22 @@ def test_a_failsafe_of_a_held_vehicle_is_supervised_not_fought(
 def test_a_landing_requested_before_the_hold_may_be_seen_after_it(pair: Any, name: str) -> None:
     vehicle = pair.vehicles[name]
     autopilot, target = vehicle.autopilot, vehicle.target
-    vehicle.ignores = frozenset({Mode.HOLD})
-    to_orchestrator(pair, name, DRIVER.pack(autopilot.set_mode(target, Mode.LAND)))
-    pair.apply(pair.core.apply(Operate(OperatorCommand("hold", "anna")), pair.t_s))
+    vehicle.ignores = frozenset({FlightMode.HOLD})
+    to_orchestrator(pair, name, DRIVER.pack(autopilot.set_mode(target, FlightMode.LAND)))
+    pair.apply(pair.core.apply(OperatorAction(OperatorCommand("hold", "anna")), pair.t_s))
     pair.fly(0.2)
     assert pair.core.latched is None
     vehicle.ignores = frozenset()
     pair.fly(2.0)
-    assert vehicle.mode is Mode.HOLD
+    assert vehicle.mode is FlightMode.HOLD
     assert pair.core.latched is None
 
 
 def test_abort_wins_over_hold_and_nothing_resumes_it(pair: Any) -> None:
-    pair.apply(pair.core.apply(Operate(OperatorCommand("hold", "anna")), pair.t_s))
+    pair.apply(pair.core.apply(OperatorAction(OperatorCommand("hold", "anna")), pair.t_s))
     pair.fly(1.0)
     abort(pair)
-    pair.apply(pair.core.apply(Operate(OperatorCommand("resume", "anna")), pair.t_s))
+    pair.apply(pair.core.apply(OperatorAction(OperatorCommand("resume", "anna")), pair.t_s))
     assert to_orchestrator(pair, "real", setpoint()) == ()
     pair.fly(20.0)
     assert pair.core.all_down
@@ -385,13 +385,13 @@ def test_abort_wins_over_hold_and_nothing_resumes_it(pair: Any) -> None:
 def test_a_hold_after_an_abort_is_refused(pair: Any) -> None:
     abort(pair)
     for kind in ("hold", "resume"):
-        pair.apply(pair.core.apply(Operate(OperatorCommand(kind, "anna")), pair.t_s))
+        pair.apply(pair.core.apply(OperatorAction(OperatorCommand(kind, "anna")), pair.t_s))
     assert pair.kinds() == ["abort", "refused", "refused"]
     assert not pair.core.paused
 
 
 def test_a_resume_of_nothing_is_refused(pair: Any) -> None:
-    pair.apply(pair.core.apply(Operate(OperatorCommand("resume", "anna")), pair.t_s))
+    pair.apply(pair.core.apply(OperatorAction(OperatorCommand("resume", "anna")), pair.t_s))
     assert pair.kinds() == ["refused"]
 
 
@@ -408,7 +408,7 @@ def test_a_foreign_heartbeat_is_no_state_and_no_sign_of_life(
     pair: Any, kind: int, flown_by: int
 ) -> None:
     """It would say disarmed, RTL (px4: MANUAL), critical: a takeover, a failsafe, or a landing."""
-    codec = Codec(system_id=1, component_id=1)
+    codec = MavlinkCodec(system_id=1, component_id=1)
     for base_mode, mode, status in ((0, 0, 4), (129, 6, 4), (129, 1 << 16, 5)):
         beat = codec.pack(
             mavlink.MAVLink_heartbeat_message(kind, flown_by, base_mode, mode, status, 3)

@@ -2,7 +2,12 @@
 
 import pytest
 
-from wil_campaign.safety.guard.core.events import EventKind, GuardEvent, brings_down, decisive
+from wil_campaign.safety.guard.core.events import (
+    EventKind,
+    GuardEvent,
+    brings_down,
+    decisive_guard_event,
+)
 
 
 @pytest.mark.parametrize(
@@ -21,6 +26,6 @@ def test_each_event_of_the_guard_has_its_verdict(
     kind: EventKind, verdict: str | None, *, lands: bool
 ) -> None:
     event = GuardEvent(1.0, kind, "real", "why")
-    decided = decisive(event)
+    decided = decisive_guard_event(event)
     assert (None if decided is None else decided.kind) == verdict
     assert brings_down(event) is lands

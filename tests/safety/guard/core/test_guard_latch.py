@@ -13,11 +13,11 @@ from tests.safety.guard.guard_rigs import (
     setpoint,
     to_orchestrator,
 )
-from wil_campaign.safety.guard.core.commands import BringDown, Operate
-from wil_campaign.safety.guard.core.contingency import Phase
-from wil_campaign.safety.guard.core.events import GuardEvent, ToVehicle, decisive
+from wil_campaign.safety.guard.core.commands import BringDown, OperatorAction
+from wil_campaign.safety.guard.core.contingency import ContingencyPhase
+from wil_campaign.safety.guard.core.events import GuardEvent, ToVehicle, decisive_guard_event
 from wil_campaign.safety.guard.core.operator_command import OperatorCommand
-from wil_campaign.vehicles.autopilots.autopilot import Mode, own_heartbeat
+from wil_campaign.vehicles.autopilots.autopilot import FlightMode, own_heartbeat
 
 
 def test_abort_brings_both_down_in_order(pair: Any) -> None:
@@ -26,7 +26,7 @@ def test_abort_brings_both_down_in_order(pair: Any) -> None:
         assert vehicle.words()[:2] == ["ZERO", "HOLD"]
     pair.fly(20.0)
     assert pair.core.all_down
-    assert set(pair.core.phases.values()) == {Phase.DOWN}
+    assert set(pair.core.phases.values()) == {ContingencyPhase.DOWN}
     for vehicle in pair.vehicles.values():
         assert not vehicle.armed
         words = [word for word in vehicle.words() if word not in {"ZERO", "HEARTBEAT"}]
@@ -38,7 +38,7 @@ def test_abort_brings_both_down_in_order(pair: Any) -> None:
 
 
 def test_the_frames_that_brake_come_before_all_words(pair: Any) -> None:
-    outputs = pair.core.apply(Operate(OperatorCommand("abort", "anna")), 2.0)
+    outputs = pair.core.apply(OperatorAction(OperatorCommand("abort", "anna")), 2.0)
     assert isinstance(outputs[0], ToVehicle)
     assert isinstance(outputs[-1], GuardEvent)
 
@@ -55,7 +55,7 @@ def test_the_latch_is_idempotent_and_names_its_first_cause(pair: Any) -> None:
 
 
 def test_zero_setpoints_stream_until_the_hold_is_seen(fake_vehicle: Any, rig: Any) -> None:
-    pair = make_pair(fake_vehicle, rig, real={"ignores": frozenset({Mode.HOLD})})
+    pair = make_pair(fake_vehicle, rig, real={"ignores": frozenset({FlightMode.HOLD})})
     abort(pair)
     pair.fly(1.5)
     zeros = [t for t, word in pair.vehicles["real"].heard if word == "ZERO"]
@@ -80,7 +80,7 @@ def test_commands_repeat_until_they_are_obeyed(pair: Any) -> None:
 
 
 def test_a_vehicle_on_the_ground_is_disarmed(fake_vehicle: Any, rig: Any) -> None:
-    pair = make_pair(fake_vehicle, rig, real={"up_m": 0.0, "mode": Mode.HOLD})
+    pair = make_pair(fake_vehicle, rig, real={"up_m": 0.0, "mode": FlightMode.HOLD})
     abort(pair)
     pair.fly(0.2)
     assert not pair.vehicles["real"].armed
@@ -95,7 +95,7 @@ def test_a_disarmed_vehicle_is_left_alone(fake_vehicle: Any, rig: Any) -> None:
 
 
 def test_an_arming_that_just_passed_counts_as_armed(fake_vehicle: Any, rig: Any) -> None:
-    pair = make_pair(fake_vehicle, rig, real={"up_m": 0.0, "armed": False, "mode": Mode.HOLD})
+    pair = make_pair(fake_vehicle, rig, real={"up_m": 0.0, "armed": False, "mode": FlightMode.HOLD})
     to_orchestrator(pair, "real", command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1.0))
     assert pair.vehicles["real"].armed
     abort(pair)
@@ -109,7 +109,7 @@ def test_a_vehicle_that_arms_again_after_all_comes_down_again(pair: Any) -> None
     abort(pair)
     pair.fly(20.0)
     real = pair.vehicles["real"]
-    real.armed, real.up_m, real.mode = True, 2.0, Mode.GUIDED
+    real.armed, real.up_m, real.mode = True, 2.0, FlightMode.GUIDED
     pair.fly(2.0)
     assert not pair.core.all_down
     pair.fly(20.0)
@@ -127,7 +127,7 @@ def test_a_vehicle_that_never_spoke_is_not_waited_for(fake_vehicle: Any, rig: An
     "frame",
     [
         setpoint(),
-        mode_command(Mode.GUIDED),
+        mode_command(FlightMode.GUIDED),
         command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1.0),
         command(mavlink.MAV_CMD_NAV_TAKEOFF),
         command(mavlink.MAV_CMD_DO_FLIGHTTERMINATION, 1.0),
@@ -182,9 +182,9 @@ def test_fence_and_parameters_are_restored_once_all_are_down(pair: Any, frame: b
 def test_a_held_vehicle_may_be_given_a_fence_and_nothing_that_moves_it(
     pair: Any, frame: bytes
 ) -> None:
-    pair.apply(pair.core.apply(Operate(OperatorCommand("hold", "anna")), pair.t_s))
+    pair.apply(pair.core.apply(OperatorAction(OperatorCommand("hold", "anna")), pair.t_s))
     assert to_orchestrator(pair, "real", frame) == (frame,)
-    for moving in (setpoint(), mode_command(Mode.GUIDED)):
+    for moving in (setpoint(), mode_command(FlightMode.GUIDED)):
         assert to_orchestrator(pair, "real", moving) == ()
     abort(pair)
     assert to_orchestrator(pair, "real", frame) == ()
@@ -249,7 +249,7 @@ def test_an_unreported_landing_still_ends_disarmed(fake_vehicle: Any, rig: Any) 
 
 def test_every_settling_event_has_its_verdict() -> None:
     kinds = {
-        kind: getattr(decisive(GuardEvent(1.0, kind, "real", "x")), "kind", None)
+        kind: getattr(decisive_guard_event(GuardEvent(1.0, kind, "real", "x")), "kind", None)
         for kind in ("fence", "failsafe", "silence", "lost", "abort", "takeover")
     }
     assert kinds == {
@@ -260,5 +260,5 @@ def test_every_settling_event_has_its_verdict() -> None:
         "abort": "ABORTED",
         "takeover": "ABORTED",
     }
-    assert decisive(GuardEvent(1.0, "bring_down", "", "x")) is None
-    assert decisive(GuardEvent(1.0, "hold", "", "x")) is None
+    assert decisive_guard_event(GuardEvent(1.0, "bring_down", "", "x")) is None
+    assert decisive_guard_event(GuardEvent(1.0, "hold", "", "x")) is None

@@ -11,13 +11,13 @@ from tests.safety.guard.guard_rigs import (
     mode_command,
     to_orchestrator,
 )
-from wil_campaign.safety.guard.core.contingency import Phase
-from wil_campaign.vehicles.autopilots.autopilot import Mode
+from wil_campaign.safety.guard.core.contingency import ContingencyPhase
+from wil_campaign.vehicles.autopilots.autopilot import FlightMode
 
 
 def test_a_pilot_takes_over_and_the_guard_keeps_out(pair: Any) -> None:
     real = pair.vehicles["real"]
-    real.mode = Mode.PILOT
+    real.mode = FlightMode.PILOT
     pair.fly(1.1)
     assert pair.core.latched == "takeover"
     heard_before = len(real.heard)
@@ -25,10 +25,10 @@ def test_a_pilot_takes_over_and_the_guard_keeps_out(pair: Any) -> None:
     assert {word for _, word in real.heard[heard_before:]} == {"HEARTBEAT"}
     assert len(real.heard) - heard_before == 20
     assert not pair.vehicles["twin"].armed
-    assert to_orchestrator(pair, "real", mode_command(Mode.GUIDED)) == ()
+    assert to_orchestrator(pair, "real", mode_command(FlightMode.GUIDED)) == ()
     param = DRIVER.pack(mavlink.MAVLink_param_set_message(1, 1, b"RTL_ALT", 5.0, 9))
     assert to_orchestrator(pair, "real", param) == ()
-    assert pair.core.phases["real"] is Phase.PILOT
+    assert pair.core.phases["real"] is ContingencyPhase.PILOT
     real.armed = False
     pair.fly(2.6)
     assert pair.core.all_down
@@ -39,10 +39,10 @@ def test_a_pilot_who_takes_over_beside_a_warning_is_not_overridden(pair: Any) ->
     twin = pair.vehicles["twin"]
     twin.critical = True
     pair.fly(5.0)
-    twin.mode = Mode.PILOT
+    twin.mode = FlightMode.PILOT
     pair.fly(20.0)
     assert pair.core.latched == "takeover"
-    assert pair.core.phases["twin"] is Phase.PILOT
+    assert pair.core.phases["twin"] is ContingencyPhase.PILOT
     assert set(twin.words()) == {"HEARTBEAT"}
 
 
@@ -53,7 +53,7 @@ def test_a_failsafe_is_seen_while_messages_are_requested(pair: Any, number: int)
     for _ in range(3):
         to_orchestrator(pair, "real", command(number, 32.0, 20000.0))
         pair.fly(1.0)
-    real.mode = Mode.RTL
+    real.mode = FlightMode.RTL
     pair.fly(1.0)
     assert pair.core.latched == "failsafe"
 
@@ -80,7 +80,7 @@ def test_a_pilot_takes_over_in_the_middle_of_a_landing(pair: Any) -> None:
     abort(pair)
     pair.fly(2.0)
     real = pair.vehicles["real"]
-    real.mode = Mode.PILOT
+    real.mode = FlightMode.PILOT
     pair.fly(0.1)
     before = real.words().count("LAND")
     pair.fly(10.0)
@@ -89,7 +89,9 @@ def test_a_pilot_takes_over_in_the_middle_of_a_landing(pair: Any) -> None:
 
 
 def test_a_disarmed_vehicle_in_a_pilot_mode_is_no_takeover(fake_vehicle: Any, rig: Any) -> None:
-    pair = make_pair(fake_vehicle, rig, real={"mode": Mode.PILOT, "armed": False, "up_m": 0.0})
+    pair = make_pair(
+        fake_vehicle, rig, real={"mode": FlightMode.PILOT, "armed": False, "up_m": 0.0}
+    )
     pair.fly(5.0)
     assert pair.core.latched is None
     pair.vehicles["real"].armed = True
@@ -99,12 +101,12 @@ def test_a_disarmed_vehicle_in_a_pilot_mode_is_no_takeover(fake_vehicle: Any, ri
 
 def test_a_failsafe_is_supervised_not_fought(pair: Any) -> None:
     real = pair.vehicles["real"]
-    real.mode, real.critical, real.north_m_s = Mode.RTL, True, -0.5
+    real.mode, real.critical, real.north_m_s = FlightMode.RTL, True, -0.5
     pair.fly(5.0)
     assert pair.core.latched == "failsafe"
-    assert pair.core.phases["real"] is Phase.SUPERVISE
+    assert pair.core.phases["real"] is ContingencyPhase.SUPERVISE
     assert set(real.words()) == {"HEARTBEAT"}
-    real.mode = Mode.LAND
+    real.mode = FlightMode.LAND
     pair.fly(20.0)
     assert pair.core.all_down
     # On the ground it is disarmed; until then nothing is asked of it.
@@ -115,18 +117,20 @@ def test_a_failsafe_is_supervised_not_fought(pair: Any) -> None:
 
 
 def test_a_failsafe_during_the_guard_s_hold_is_supervised_too(fake_vehicle: Any, rig: Any) -> None:
-    pair = make_pair(fake_vehicle, rig, real={"ignores": frozenset({Mode.HOLD, Mode.LAND})})
+    pair = make_pair(
+        fake_vehicle, rig, real={"ignores": frozenset({FlightMode.HOLD, FlightMode.LAND})}
+    )
     abort(pair)
     pair.fly(0.5)
-    pair.vehicles["real"].mode = Mode.RTL
+    pair.vehicles["real"].mode = FlightMode.RTL
     pair.vehicles["real"].north_m_s = -0.5
     pair.fly(0.1)
-    assert pair.core.phases["real"] is Phase.SUPERVISE
+    assert pair.core.phases["real"] is ContingencyPhase.SUPERVISE
     assert pair.kinds() == ["abort", "failsafe"]
 
 
-@pytest.mark.parametrize("mode", [Mode.LAND, Mode.RTL, Mode.HOLD])
-def test_a_mode_that_the_orchestrator_asked_for_is_no_failsafe(pair: Any, mode: Mode) -> None:
+@pytest.mark.parametrize("mode", [FlightMode.LAND, FlightMode.RTL, FlightMode.HOLD])
+def test_a_mode_that_the_orchestrator_asked_for_is_no_failsafe(pair: Any, mode: FlightMode) -> None:
     to_orchestrator(pair, "real", mode_command(mode))
     pair.fly(1.1)
     assert pair.vehicles["real"].mode is mode
@@ -134,18 +138,18 @@ def test_a_mode_that_the_orchestrator_asked_for_is_no_failsafe(pair: Any, mode: 
 
 
 def test_a_whole_flight_of_the_orchestrator_s_is_not_disturbed(fake_vehicle: Any, rig: Any) -> None:
-    pair = make_pair(fake_vehicle, rig, real={"armed": False, "up_m": 0.0, "mode": Mode.HOLD})
+    pair = make_pair(fake_vehicle, rig, real={"armed": False, "up_m": 0.0, "mode": FlightMode.HOLD})
     real = pair.vehicles["real"]
     to_orchestrator(pair, "real", command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1.0))
     pair.fly(5.0)
-    real.mode = Mode.TAKEOFF
+    real.mode = FlightMode.TAKEOFF
     real.up_m = 2.0
     pair.fly(8.0)
-    real.mode = Mode.HOLD
+    real.mode = FlightMode.HOLD
     pair.fly(5.0)
-    to_orchestrator(pair, "real", mode_command(Mode.GUIDED))
+    to_orchestrator(pair, "real", mode_command(FlightMode.GUIDED))
     pair.fly(10.0)
-    to_orchestrator(pair, "real", mode_command(Mode.LAND))
+    to_orchestrator(pair, "real", mode_command(FlightMode.LAND))
     pair.fly(20.0)
     assert not real.armed
     assert pair.core.latched is None

@@ -14,18 +14,23 @@ from hypothesis.stateful import (
 
 from wil_campaign.plugins.ardupilot.strategy import ArduCopter
 from wil_campaign.safety.fence.geofence import Fence
-from wil_campaign.safety.guard.core.commands import Alive, BringDown, Operate
-from wil_campaign.safety.guard.core.contingency import Phase
+from wil_campaign.safety.guard.core.commands import BringDown, OperatorAction, OrchestratorAlive
+from wil_campaign.safety.guard.core.contingency import ContingencyPhase
 from wil_campaign.safety.guard.core.events import GuardedVehicle, ToVehicle
 from wil_campaign.safety.guard.core.guard_core import GuardCore
 from wil_campaign.safety.guard.core.operator_command import OperatorCommand
-from wil_campaign.vehicles.autopilots.autopilot import Autopilot, Mode, Target, command_long
+from wil_campaign.vehicles.autopilots.autopilot import (
+    Autopilot,
+    FlightMode,
+    MavlinkTarget,
+    command_long,
+)
 from wil_campaign.vehicles.autopilots.px4 import Px4
-from wil_campaign.vehicles.mavlink.codec import Codec
+from wil_campaign.vehicles.mavlink.codec import MavlinkCodec
 
 FENCE = Fence.box(north_m=(-3, 5), east_m=(-3, 3), up_m=(-1, 6))
 STRATEGIES: dict[str, Autopilot] = {"real": Px4(), "twin": ArduCopter()}
-TARGETS = {"real": Target(1), "twin": Target(2)}
+TARGETS = {"real": MavlinkTarget(1), "twin": MavlinkTarget(2)}
 names = st.sampled_from(["real", "twin"])
 STEERING = frozenset({"SET_POSITION_TARGET_LOCAL_NED", "COMMAND_LONG", "SET_MODE"})
 
@@ -38,8 +43,8 @@ class Guarded(RuleBasedStateMachine):
 
     def __init__(self) -> None:
         super().__init__()
-        self.driver = Codec(system_id=245, component_id=190)
-        self.gcs = Codec(system_id=255, component_id=190)
+        self.driver = MavlinkCodec(system_id=245, component_id=190)
+        self.gcs = MavlinkCodec(system_id=255, component_id=190)
         vehicles = {
             name: self.make_vehicle(name, STRATEGIES[name], system=TARGETS[name].system)
             for name in ("real", "twin")
@@ -77,8 +82,11 @@ class Guarded(RuleBasedStateMachine):
         )
         self.send(name, message)
 
-    @rule(name=names, mode=st.sampled_from([Mode.GUIDED, Mode.HOLD, Mode.LAND, Mode.RTL]))
-    def orchestrator_asks_for_a_mode(self, name: str, mode: Mode) -> None:
+    @rule(
+        name=names,
+        mode=st.sampled_from([FlightMode.GUIDED, FlightMode.HOLD, FlightMode.LAND, FlightMode.RTL]),
+    )
+    def orchestrator_asks_for_a_mode(self, name: str, mode: FlightMode) -> None:
         self.send(name, STRATEGIES[name].set_mode(TARGETS[name], mode))
 
     @rule(name=names, arm=st.booleans())
@@ -92,7 +100,9 @@ class Guarded(RuleBasedStateMachine):
 
     @rule(kind=st.sampled_from(["abort", "hold", "resume"]))
     def operator(self, kind: Any) -> None:
-        self.rig.apply(self.rig.core.apply(Operate(OperatorCommand(kind, "anna")), self.rig.t_s))
+        self.rig.apply(
+            self.rig.core.apply(OperatorAction(OperatorCommand(kind, "anna")), self.rig.t_s)
+        )
 
     @rule()
     def bring_down(self) -> None:
@@ -100,14 +110,19 @@ class Guarded(RuleBasedStateMachine):
 
     @rule()
     def alive(self) -> None:
-        self.rig.apply(self.rig.core.apply(Alive(), self.rig.t_s))
+        self.rig.apply(self.rig.core.apply(OrchestratorAlive(), self.rig.t_s))
 
     @rule(name=names, speed=st.sampled_from([-2.0, 0.0, 0.7, 4.0]))
     def drift(self, name: str, speed: float) -> None:
         self.rig.vehicles[name].north_m_s = speed
 
-    @rule(name=names, mode=st.sampled_from([Mode.PILOT, Mode.RTL, Mode.LAND, Mode.GUIDED]))
-    def mode_changes_by_itself(self, name: str, mode: Mode) -> None:
+    @rule(
+        name=names,
+        mode=st.sampled_from(
+            [FlightMode.PILOT, FlightMode.RTL, FlightMode.LAND, FlightMode.GUIDED]
+        ),
+    )
+    def mode_changes_by_itself(self, name: str, mode: FlightMode) -> None:
         self.rig.vehicles[name].mode = mode
 
     @rule(name=names, mute=st.booleans(), deaf=st.booleans(), stuck=st.booleans())
@@ -123,7 +138,7 @@ class Guarded(RuleBasedStateMachine):
     @precondition(lambda self: self.rig.t_s > 3.0)
     @rule(name=names)
     def ground_station_asks_for_land(self, name: str) -> None:
-        message = STRATEGIES[name].set_mode(TARGETS[name], Mode.LAND)
+        message = STRATEGIES[name].set_mode(TARGETS[name], FlightMode.LAND)
         self.rig.apply(self.rig.core.from_gcs(name, self.gcs.pack(message), self.rig.t_s))
 
     @invariant()
@@ -141,20 +156,23 @@ class Guarded(RuleBasedStateMachine):
         assert "TERMINATE" not in self.rig.vehicles["real"].words()
 
     def settled(self) -> bool:
-        return all(phase in {Phase.DOWN, Phase.PILOT} for phase in self.rig.core.phases.values())
+        return all(
+            phase in {ContingencyPhase.DOWN, ContingencyPhase.PILOT}
+            for phase in self.rig.core.phases.values()
+        )
 
     def teardown(self) -> None:
         """From any state: both come down, once they hear and sink again."""
         rig = self.rig
         since_s = rig.t_s
-        rig.apply(rig.core.apply(Operate(OperatorCommand("abort", "anna")), rig.t_s))
+        rig.apply(rig.core.apply(OperatorAction(OperatorCommand("abort", "anna")), rig.t_s))
         for vehicle in rig.vehicles.values():
             vehicle.mute = vehicle.deaf = vehicle.stuck = False
         while rig.t_s < since_s + 150.0 and not self.settled():
             rig.fly(1.0)
         for name, phase in rig.core.phases.items():
             vehicle = rig.vehicles[name]
-            if phase is not Phase.PILOT:
+            if phase is not ContingencyPhase.PILOT:
                 assert not vehicle.armed, (name, phase)
         self.nothing_that_steers_passes_after_it()
         self.an_attached_vehicle_s_motors_are_never_cut()

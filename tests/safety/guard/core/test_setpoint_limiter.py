@@ -13,18 +13,18 @@ from tests.safety.guard.guard_rigs import DRIVER
 from wil_campaign.plugins.ardupilot.strategy import ArduCopter
 from wil_campaign.safety.fence.areas import Circle
 from wil_campaign.safety.fence.geofence import Fence
-from wil_campaign.safety.fence.stopping import Motion
+from wil_campaign.safety.fence.stopping import VehicleMotion
 from wil_campaign.safety.guard.core.commands import AnchorAt
 from wil_campaign.safety.guard.core.events import GuardedVehicle, GuardEvent, ToVehicle
 from wil_campaign.safety.guard.core.guard_core import GuardCore
-from wil_campaign.safety.guard.core.setpoint_frames import read_setpoint, rewritten
+from wil_campaign.safety.guard.core.setpoint_frames import read_setpoint, rewritten_setpoint_frame
 from wil_campaign.safety.guard.core.setpoint_limiter import SetpointLimiter
 from wil_campaign.safety.guard.core.setpoint_limits import SetpointLimits
 from wil_campaign.safety.model.samples import PoseSample
-from wil_campaign.vehicles.autopilots.autopilot import Autopilot, Target
+from wil_campaign.vehicles.autopilots.autopilot import Autopilot, MavlinkTarget
 from wil_campaign.vehicles.autopilots.px4 import Px4
-from wil_campaign.vehicles.mavlink.codec import Codec
-from wil_campaign.vehicles.mavlink.framing import Frame, FrameSplitter, frame_header
+from wil_campaign.vehicles.mavlink.codec import MavlinkCodec
+from wil_campaign.vehicles.mavlink.framing import FrameSplitter, MavlinkFrame, frame_header
 from wil_campaign.vehicles.poses.anchor import Anchor
 from wil_campaign.vehicles.setpoints import PositionSetpoint, VelocitySetpoint
 from wil_campaign.worlds.frames import Pose, Vec3, norm, subtract
@@ -32,7 +32,7 @@ from wil_campaign.worlds.frames import Pose, Vec3, norm, subtract
 FENCE = Fence.box(north_m=(-3, 5), east_m=(-3, 3), up_m=(0, 4))
 LATENCY_S, BRAKING_M_S2 = 0.5, 2.5
 STANDING: Vec3 = (0.0, 0.0, 0.0)
-AT = Motion((0.0, 0.0, -2.0), STANDING)
+AT = VehicleMotion((0.0, 0.0, -2.0), STANDING)
 
 
 def limiter(**limits: Any) -> SetpointLimiter:
@@ -44,13 +44,13 @@ def limiter(**limits: Any) -> SetpointLimiter:
     )
 
 
-def velocity_after(made: SetpointLimiter, asked: Vec3, motion: Motion | None = AT) -> Vec3:
+def velocity_after(made: SetpointLimiter, asked: Vec3, motion: VehicleMotion | None = AT) -> Vec3:
     given_, _ = made.limit(VelocitySetpoint(asked), motion, 0.0)
     assert isinstance(given_, VelocitySetpoint)
     return given_.velocity_ned_m_s
 
 
-def position_after(made: SetpointLimiter, asked: Vec3, motion: Motion | None = AT) -> Vec3:
+def position_after(made: SetpointLimiter, asked: Vec3, motion: VehicleMotion | None = AT) -> Vec3:
     given_, _ = made.limit(PositionSetpoint(asked), motion, 0.0)
     assert isinstance(given_, PositionSetpoint)
     return given_.position_ned_m
@@ -94,7 +94,7 @@ def test_setpoints_change_no_faster_than_the_acceleration_limit(
 
 def test_after_a_pause_the_vehicle_s_own_motion_is_where_it_starts_from() -> None:
     made = limiter(acceleration_m_s2=2.0)
-    moving = Motion((0.0, 0.0, -2.0), (3.0, 0.0, 0.0))
+    moving = VehicleMotion((0.0, 0.0, -2.0), (3.0, 0.0, 0.0))
     got, found = made.limit(VelocitySetpoint((3.5, 0.0, 0.0)), moving, 10.0)
     assert (got, found) == (VelocitySetpoint((3.5, 0.0, 0.0)), ())
 
@@ -103,16 +103,18 @@ def test_after_a_pause_the_vehicle_s_own_motion_is_where_it_starts_from() -> Non
 def test_a_vehicle_can_stop_before_the_fence_from_any_limited_setpoint(
     place: Vec3, asked: Vec3
 ) -> None:
-    got = velocity_after(limiter(inside_fence=True), asked, Motion(place, STANDING))
-    breach = FENCE.breached(Motion(place, got), latency_s=LATENCY_S, braking_m_s2=BRAKING_M_S2)
+    got = velocity_after(limiter(inside_fence=True), asked, VehicleMotion(place, STANDING))
+    breach = FENCE.breached(
+        VehicleMotion(place, got), latency_s=LATENCY_S, braking_m_s2=BRAKING_M_S2
+    )
     assert breach is None
 
 
 def test_a_vehicle_too_close_to_the_fence_may_go_back_and_no_closer() -> None:
-    made, close = limiter(inside_fence=True), Motion((4.9, 0.0, -2.0), STANDING)
+    made, close = limiter(inside_fence=True), VehicleMotion((4.9, 0.0, -2.0), STANDING)
     assert velocity_after(made, (0.5, 0.0, 0.0), close) == STANDING
     assert velocity_after(made, (-0.5, 0.0, 0.0), close) == (-0.5, 0.0, 0.0)
-    outside = Motion((6.0, 0.0, -2.0), STANDING)
+    outside = VehicleMotion((6.0, 0.0, -2.0), STANDING)
     assert velocity_after(made, (-0.5, 0.0, 0.0), outside) == (-0.5, 0.0, 0.0)
     assert position_after(made, (0.0, 0.0, -2.0), outside) == (0.0, 0.0, -2.0)
     assert position_after(made, (9.0, 0.0, -2.0), outside) == pytest.approx((6.0, 0.0, -2.0))
@@ -121,7 +123,7 @@ def test_a_vehicle_too_close_to_the_fence_may_go_back_and_no_closer() -> None:
 @given(inside, vectors)
 def test_heights_are_kept_as_well(place: Vec3, asked: Vec3) -> None:
     made = limiter(floor_up_m=0.0, ceiling_up_m=4.0, keep_m=0.3)
-    got = velocity_after(made, asked, Motion(place, STANDING))
+    got = velocity_after(made, asked, VehicleMotion(place, STANDING))
     assert got[:2] == asked[:2]
     climb, up_m = -got[2], -place[2]
     stops_m = up_m + climb * LATENCY_S + math.copysign(climb * climb / (2 * BRAKING_M_S2), climb)
@@ -130,7 +132,7 @@ def test_heights_are_kept_as_well(place: Vec3, asked: Vec3) -> None:
 
 @given(inside, vectors)
 def test_a_way_ends_before_the_fence(place: Vec3, target: Vec3) -> None:
-    got = position_after(limiter(inside_fence=True), target, Motion(place, STANDING))
+    got = position_after(limiter(inside_fence=True), target, VehicleMotion(place, STANDING))
     assert FENCE.margin_m(got) >= 0.3 - 0.02 or got == pytest.approx(place)
 
 
@@ -162,7 +164,7 @@ def test_no_motion_that_a_place_would_limit_passes_at_an_unknown_place() -> None
 # frames
 
 
-def frame_of(raw: bytes) -> Frame:
+def frame_of(raw: bytes) -> MavlinkFrame:
     frame = frame_header(raw)
     assert frame is not None
     return frame
@@ -170,7 +172,7 @@ def frame_of(raw: bytes) -> Frame:
 
 def velocity_frame(autopilot: Autopilot, asked: Vec3, **heading: float) -> bytes:
     message = autopilot.velocity_setpoint(
-        Target(1), t_boot_ms=4711, velocity_ned_m_s=asked, **heading
+        MavlinkTarget(1), t_boot_ms=4711, velocity_ned_m_s=asked, **heading
     )
     return DRIVER.pack(message)
 
@@ -191,10 +193,10 @@ def test_a_frame_written_anew_differs_only_in_its_velocity(
     assert asked.velocity_ned_m_s == pytest.approx(world)
     north, east, down = asked.velocity_ned_m_s
     half = replace(asked, velocity_ned_m_s=(north / 2.0, east / 2.0, down / 2.0))
-    again = rewritten(frame, half, ANCHOR)
+    again = rewritten_setpoint_frame(frame, half, ANCHOR)
     (checked,) = FrameSplitter().feed(again)
     assert (checked.seq, checked.system, checked.component) == (frame.seq, 245, 190)
-    reader = Codec(system_id=1, component_id=1)
+    reader = MavlinkCodec(system_id=1, component_id=1)
     (old,), (new,) = reader.parse(raw), reader.parse(again)
     changed = {
         name
@@ -207,12 +209,14 @@ def test_a_frame_written_anew_differs_only_in_its_velocity(
 
 @pytest.mark.parametrize("version", [1, 2])
 def test_positions_in_both_versions_of_mavlink(version: int) -> None:
-    message = Px4().position_setpoint(Target(1), t_boot_ms=1, position_ned_m=(3.0, 0.0, -1.0))
+    message = Px4().position_setpoint(
+        MavlinkTarget(1), t_boot_ms=1, position_ned_m=(3.0, 0.0, -1.0)
+    )
     mav = mavlink.MAVLink(None, srcSystem=245, srcComponent=190)
     raw = bytes(message.pack(mav, force_mavlink1=version == 1))
     frame = frame_of(raw)
     assert frame.version == version
-    again = rewritten(frame, PositionSetpoint((1.0, 0.0, -1.0)), None)
+    again = rewritten_setpoint_frame(frame, PositionSetpoint((1.0, 0.0, -1.0)), None)
     (checked,) = FrameSplitter().feed(again)
     assert read_setpoint(checked, None) == PositionSetpoint((1.0, 0.0, -1.0))
 
@@ -256,14 +260,14 @@ def test_a_position_that_may_lead_anywhere_is_reported_and_not_passed() -> None:
 
 def make_core(**limits: Any) -> GuardCore:
     vehicle = GuardedVehicle(
-        autopilot=Px4(), target=Target(1), fence=FENCE, limits=SetpointLimits(**limits)
+        autopilot=Px4(), target=MavlinkTarget(1), fence=FENCE, limits=SetpointLimits(**limits)
     )
     return GuardCore(vehicles={"real": vehicle})
 
 
 def passed(core: GuardCore, raw: bytes, t_s: float) -> list[float]:
     """Return the norths of the velocities that pass."""
-    reader = Codec(system_id=1, component_id=1)
+    reader = MavlinkCodec(system_id=1, component_id=1)
     frames = [
         f
         for o in core.from_orchestrator("real", raw, t_s)
@@ -304,7 +308,7 @@ def test_the_anchor_says_where_the_vehicle_s_north_is() -> None:
 
 
 def test_without_limits_every_byte_passes_as_it_came() -> None:
-    core = GuardCore(vehicles={"real": GuardedVehicle(autopilot=Px4(), target=Target(1))})
+    core = GuardCore(vehicles={"real": GuardedVehicle(autopilot=Px4(), target=MavlinkTarget(1))})
     raw = velocity_frame(Px4(), (99.0, 0.0, 0.0))
     assert core.from_orchestrator("real", raw, 0.0) == (ToVehicle("real", (raw,)),)
 
@@ -343,7 +347,7 @@ def test_a_path_along_a_boundary_is_cut_and_leads_not_out() -> None:
         braking_m_s2=BRAKING_M_S2,
     )
     along = PositionSetpoint((40.0, 0.0, -4.0))
-    given_, (report,) = made.limit(along, Motion((0.0, 0.0, -4.0), (0.0, 0.0, 0.0)), 0.0)
+    given_, (report,) = made.limit(along, VehicleMotion((0.0, 0.0, -4.0), (0.0, 0.0, 0.0)), 0.0)
     assert isinstance(given_, PositionSetpoint)
     assert given_.position_ned_m[0] == pytest.approx(10.0, abs=0.1)
     assert report.what == "distance ahead"

@@ -9,9 +9,9 @@ from tests.vehicles.px4_modes import px4_custom_mode
 from wil_campaign.plugins.ardupilot.strategy import ArduCopter
 from wil_campaign.safety.guard.core.events import GuardedVehicle, GuardSettings
 from wil_campaign.safety.guard.core.vehicle_observer import ObservedVehicle
-from wil_campaign.vehicles.autopilots.autopilot import Autopilot, Target
+from wil_campaign.vehicles.autopilots.autopilot import Autopilot, MavlinkTarget
 from wil_campaign.vehicles.autopilots.px4 import Px4
-from wil_campaign.vehicles.mavlink.codec import Codec
+from wil_campaign.vehicles.mavlink.codec import MavlinkCodec
 
 ACTIVE, CRITICAL = mavlink.MAV_STATE_ACTIVE, mavlink.MAV_STATE_CRITICAL
 ALT_HOLD, GUIDED, LOITER = 2, 4, 5
@@ -20,8 +20,10 @@ OFFBOARD, POSCTL, ALTCTL, ACRO = (px4_custom_mode(main, 0) for main in (6, 3, 2,
 
 def changes(autopilot: Autopilot, *beats: tuple[int, int]) -> list[str]:
     """Return the kinds of mode changes in heartbeats, each of a custom mode and a MAV_STATE."""
-    codec = Codec(system_id=1, component_id=1)
-    seen = ObservedVehicle(GuardedVehicle(autopilot=autopilot, target=Target(1)), GuardSettings())
+    codec = MavlinkCodec(system_id=1, component_id=1)
+    seen = ObservedVehicle(
+        GuardedVehicle(autopilot=autopilot, target=MavlinkTarget(1)), GuardSettings()
+    )
     found: list[Any] = []
     for t_s, (mode, state) in enumerate(beats, start=10):
         beat = mavlink.MAVLink_heartbeat_message(2, autopilot.mav_autopilot, 129, mode, state, 3)

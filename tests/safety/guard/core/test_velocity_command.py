@@ -2,13 +2,13 @@
 
 import pytest
 
-from wil_campaign.safety.fence.stopping import Motion
+from wil_campaign.safety.fence.stopping import VehicleMotion
 from wil_campaign.safety.guard.core.velocity_command import VelocityCommand
 from wil_campaign.vehicles.setpoints import PositionSetpoint, VelocitySetpoint
 from wil_campaign.worlds.frames import Vec3
 
 EAST: Vec3 = (0.0, 3.0, 0.0)
-FLYING = Motion((0.0, 0.0, -1.0), (1.0, 0.0, 0.0))
+FLYING = VehicleMotion((0.0, 0.0, -1.0), (1.0, 0.0, 0.0))
 
 
 def after(*given: Vec3, step_s: float = 0.05) -> tuple[VelocityCommand, float]:

@@ -14,9 +14,9 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from tests.safety.guard.operator.test_operator_socket import Controller, ask
-from wil_campaign.vehicles.autopilots.autopilot import Mode, Target, command_long
+from wil_campaign.vehicles.autopilots.autopilot import FlightMode, MavlinkTarget, command_long
 from wil_campaign.vehicles.autopilots.px4 import Px4
-from wil_campaign.vehicles.mavlink.codec import Codec
+from wil_campaign.vehicles.mavlink.codec import MavlinkCodec
 from wil_campaign.vehicles.mavlink.framing import frame_header
 from wil_campaign.vehicles.mavlink.signing import Signer, ticks_of_utc
 from wil_campaign.vehicles.mavlink.signing_key import SigningKey
@@ -82,12 +82,12 @@ async def test_another_user_gives_no_command_whatever_the_files_modes(shared_fol
 def test_a_command_without_a_right_signature_passes_no_signed_link() -> None:
     now = ticks_of_utc(1_700_000_000.0)
     key, other = SigningKey(bytes(range(32))), SigningKey(bytes(32))
-    theirs, codec = Signer(key=key, link_id=3), Codec(system_id=245, component_id=190)
+    theirs, codec = Signer(key=key, link_id=3), MavlinkCodec(system_id=245, component_id=190)
     signer, forger, rng = Signer(key=key), Signer(key=other), random.Random(1)  # noqa: S311
     made = (
-        lambda: command_long(Target(1), 400, 0.0, 21196.0),
-        lambda: command_long(Target(1), 185, 1.0),
-        lambda: Px4().set_mode(Target(1), Mode.LAND),
+        lambda: command_long(MavlinkTarget(1), 400, 0.0, 21196.0),
+        lambda: command_long(MavlinkTarget(1), 185, 1.0),
+        lambda: Px4().set_mode(MavlinkTarget(1), FlightMode.LAND),
         lambda: mavlink.MAVLink_param_set_message(1, 1, b"COM_OBL_RC_ACT", 6.0, 9),
     )
     passed: Counter[str] = Counter()

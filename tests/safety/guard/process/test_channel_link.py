@@ -7,50 +7,59 @@ from collections.abc import Sequence
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from wil_campaign.safety.guard.process.channel import LONGEST_PACKET_BYTES, Channel, channel_pair
+from wil_campaign.safety.guard.process.channel import (
+    LONGEST_PACKET_BYTES,
+    GuardChannel,
+    guard_channel_pair,
+)
 from wil_campaign.safety.guard.process.channel_link import ChannelLink
 from wil_campaign.safety.guard.process.messages import (
-    Bytes,
+    FrameBytes,
     ToOrchestrator,
-    Unread,
+    UnreadBytes,
     to_guard,
     to_orchestrator,
 )
-from wil_campaign.vehicles.autopilots.autopilot import Target
+from wil_campaign.vehicles.autopilots.autopilot import MavlinkTarget
 from wil_campaign.vehicles.driver.session.arrivals import STEP_S
-from wil_campaign.vehicles.driver.session.session import Session
+from wil_campaign.vehicles.driver.session.session import MavlinkSession
 from wil_campaign.vehicles.links.tapped import TappedLink
-from wil_campaign.vehicles.mavlink.codec import Codec
+from wil_campaign.vehicles.mavlink.codec import MavlinkCodec
 
 PERIOD_S = 0.04
-AUTOPILOT, CAMERA = Codec(system_id=1, component_id=1), Codec(system_id=1, component_id=100)
+AUTOPILOT, CAMERA = (
+    MavlinkCodec(system_id=1, component_id=1),
+    MavlinkCodec(system_id=1, component_id=100),
+)
 ATTITUDE = mavlink.MAVLink_attitude_message(1000, *[0.1] * 6)
 MORE_THAN_THE_SOCKET_HOLDS = 20_000
 
 
-async def read_late(codec: Codec, *, late_s: float) -> tuple[Session, list[Unread], list[float]]:
+async def read_late(
+    codec: MavlinkCodec, *, late_s: float
+) -> tuple[MavlinkSession, list[UnreadBytes], list[float]]:
     """Return what an orchestrator heard that read nothing for a while, though frames came.
 
     Returns as well when the frames were written.
     """
     loop, written_s = asyncio.get_running_loop(), list[float]()
-    unread: list[Unread] = []
-    ours, theirs = channel_pair()
-    guard = Channel(ours, receives=to_guard, take=lambda _: None, closed=lambda: None)
-    far = ChannelLink(name="far", index=0, channel=guard, target=Target(1))
+    unread: list[UnreadBytes] = []
+    ours, theirs = guard_channel_pair()
+    guard = GuardChannel(ours, receives=to_guard, take=lambda _: None, closed=lambda: None)
+    far = ChannelLink(name="far", index=0, channel=guard, target=MavlinkTarget(1))
     near = ChannelLink(name="near", index=0)
 
     def take(message: ToOrchestrator) -> None:
         match message:
-            case Bytes(_, t_s, data):
+            case FrameBytes(_, t_s, data):
                 near.arrive(data, t_s)
-            case Unread(_, arrived_s):
+            case UnreadBytes(_, arrived_s):
                 unread.append(message)
                 near.arrived_unread(arrived_s)
 
-    reads = Channel(theirs, receives=to_orchestrator, take=take, closed=lambda: None)
-    session = Session(link=TappedLink(near), own=Target(245))
-    session.target = Target(1)
+    reads = GuardChannel(theirs, receives=to_orchestrator, take=take, closed=lambda: None)
+    session = MavlinkSession(link=TappedLink(near), own=MavlinkTarget(245))
+    session.target = MavlinkTarget(1)
     guard.open()
 
     def write() -> None:
@@ -95,11 +104,13 @@ async def test_frames_of_another_component_are_no_sign_of_the_vehicle() -> None:
     assert session.last_received_s is None
 
 
-@pytest.mark.parametrize("target", [None, Target(1)])
+@pytest.mark.parametrize("target", [None, MavlinkTarget(1)])
 def test_arrivals_before_the_last_frame_or_without_a_vehicle_are_skipped(
-    target: Target | None,
+    target: MavlinkTarget | None,
 ) -> None:
-    session = Session(link=TappedLink(ChannelLink(name="near", index=0)), own=Target(245))
+    session = MavlinkSession(
+        link=TappedLink(ChannelLink(name="near", index=0)), own=MavlinkTarget(245)
+    )
     session.target = target
     session.received(AUTOPILOT.pack(ATTITUDE), 5.0)
     session.received_unread((4.0, 4.9))
@@ -110,15 +121,15 @@ def test_arrivals_before_the_last_frame_or_without_a_vehicle_are_skipped(
 async def test_a_burst_longer_than_a_packet_arrives_whole() -> None:
     """A TCP link that stalled hands over up to 256 KiB at once; the guard failed on them."""
     burst, arrived = AUTOPILOT.pack(ATTITUDE) * 5000, bytearray()
-    ours, theirs = channel_pair()
-    guard = Channel(ours, receives=to_guard, take=lambda _: None, closed=lambda: None)
-    far = ChannelLink(name="far", index=0, channel=guard, target=Target(1))
+    ours, theirs = guard_channel_pair()
+    guard = GuardChannel(ours, receives=to_guard, take=lambda _: None, closed=lambda: None)
+    far = ChannelLink(name="far", index=0, channel=guard, target=MavlinkTarget(1))
 
     def take(message: ToOrchestrator) -> None:
-        assert isinstance(message, Bytes)
+        assert isinstance(message, FrameBytes)
         arrived.extend(message.data)
 
-    reads = Channel(theirs, receives=to_orchestrator, take=take, closed=lambda: None)
+    reads = GuardChannel(theirs, receives=to_orchestrator, take=take, closed=lambda: None)
     guard.open()
     reads.open()
     async with far, asyncio.timeout(5.0):

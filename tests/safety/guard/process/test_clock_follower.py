@@ -9,16 +9,19 @@ from functools import partial
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from wil_campaign.foundation.clocks.sim_clock_controller import STEP_S, Segment
+from wil_campaign.foundation.clocks.sim_clock_controller import STEP_S, ClockSegment
 from wil_campaign.foundation.clocks.virtual_loop import run_virtual
 from wil_campaign.safety.guard.core.commands import ClocksApart, Trouble, VehicleGone
 from wil_campaign.safety.guard.process.run_clock import PaceSetup
 from wil_campaign.safety.guard.process.run_clock_factory import ClockFollower, boot_s_of
 from wil_campaign.vehicles.links.memory import memory_pair
-from wil_campaign.vehicles.mavlink.codec import Codec
+from wil_campaign.vehicles.mavlink.codec import MavlinkCodec
 from wil_campaign.vehicles.mavlink.framing import frame_header
 
-CODEC = {"real": Codec(system_id=1, component_id=1), "twin": Codec(system_id=2, component_id=1)}
+CODEC = {
+    "real": MavlinkCodec(system_id=1, component_id=1),
+    "twin": MavlinkCodec(system_id=2, component_id=1),
+}
 
 
 def attitude(boot_ms: int) -> mavlink.MAVLink_message:
@@ -30,10 +33,10 @@ class Wall:
 
     def __init__(self) -> None:
         self.now_s = 1000.0
-        self.segment = Segment(1000.0, 1000.0, 1.0)
+        self.segment = ClockSegment(1000.0, 1000.0, 1.0)
         self.due: list[tuple[float, Callable[[], object]]] = []
 
-    def follow(self, segment: Segment) -> None:
+    def follow(self, segment: ClockSegment) -> None:
         self.segment = segment
 
     def call_wall_later(self, delay_s: float, callback: Callable[[], object]) -> asyncio.Handle:

@@ -11,31 +11,31 @@ import numpy as np
 import pytest
 
 from tests.safety.guard.remote_rigs import guard_config
-from wil_campaign.foundation.processes.codec import Message, MessageError
+from wil_campaign.foundation.processes.codec import ProcessMessage, ProcessMessageError
 from wil_campaign.safety.fence.geofence import Fence
 from wil_campaign.safety.guard.core.commands import (
-    Alive,
     AnchorAt,
     BringDown,
     ClocksApart,
     Command,
     NewFences,
-    Operate,
+    OperatorAction,
+    OrchestratorAlive,
     OrchestratorEnded,
     StartOutage,
     VehicleGone,
 )
 from wil_campaign.safety.guard.core.events import EventKind, GuardEvent
 from wil_campaign.safety.guard.core.operator_command import OperatorCommand
-from wil_campaign.safety.guard.process.channel import Channel, channel_pair
+from wil_campaign.safety.guard.process.channel import GuardChannel, guard_channel_pair
 from wil_campaign.safety.guard.process.guard_process import GuardProcess
 from wil_campaign.safety.guard.process.lockstep_clock import ORCHESTRATOR
 from wil_campaign.safety.guard.process.messages import (
-    Bytes,
     EventMessage,
-    Position,
-    Reached,
+    FrameBytes,
+    OrchestratorReached,
     ToGuard,
+    VehiclePosition,
     to_guard,
 )
 from wil_campaign.safety.guard.process.remote_guard import RemoteGuard
@@ -50,9 +50,11 @@ class Ends:
 
     def __init__(self) -> None:
         self.received: list[ToGuard] = []
-        ours, theirs = channel_pair()
-        self.sender = Channel(ours, receives=to_guard, take=lambda _: None, closed=lambda: None)
-        self.receiver = Channel(
+        ours, theirs = guard_channel_pair()
+        self.sender = GuardChannel(
+            ours, receives=to_guard, take=lambda _: None, closed=lambda: None
+        )
+        self.receiver = GuardChannel(
             theirs, receives=to_guard, take=self.received.append, closed=lambda: None
         )
         for one in (self.sender, self.receiver):
@@ -69,27 +71,27 @@ class Ends:
         self.receiver.close()
 
 
-def position(t_s: float) -> Position:
-    return Position(0, t_s, (0.0, 0.0, -1.0), (1.0, 0.0, 0.0, 0.0), AT_REST)
+def position(t_s: float) -> VehiclePosition:
+    return VehiclePosition(0, t_s, (0.0, 0.0, -1.0), (1.0, 0.0, 0.0, 0.0), AT_REST)
 
 
 async def test_a_command_overtakes_waiting_messages_and_takes_them_along() -> None:
     ends = Ends()
-    abort = Operate(OperatorCommand("abort", "anna"))
+    abort = OperatorAction(OperatorCommand("abort", "anna"))
     ends.sender.send_soon(position(1.0), key=0, within_s=30.0)
-    ends.sender.send_soon(Alive(), key=Alive, within_s=30.0)
+    ends.sender.send_soon(OrchestratorAlive(), key=OrchestratorAlive, within_s=30.0)
     ends.sender.send_soon(position(2.0), key=0, within_s=30.0)
     await asyncio.sleep(0.05)
     assert ends.received == []
     ends.sender.send(abort)
     await ends.until(3)
-    assert ends.received == [abort, Alive(), position(2.0)]
+    assert ends.received == [abort, OrchestratorAlive(), position(2.0)]
     ends.close()
 
 
 async def test_a_setpoint_that_is_limited_comes_after_the_position_that_limits_it() -> None:
     ends = Ends()
-    setpoint = Bytes(0, 1.0, b"setpoint")
+    setpoint = FrameBytes(0, 1.0, b"setpoint")
     ends.sender.send_soon(position(1.0), key=0, within_s=30.0)
     ends.sender.send(setpoint, last=True)
     await ends.until(2)
@@ -117,9 +119,9 @@ async def test_a_waiting_message_is_sent_in_time() -> None:
 async def test_a_position_without_a_finite_time_is_garbage() -> None:
     ends = Ends()
     ends.sender.send(position(math.nan))
-    ends.sender.send(Alive())
+    ends.sender.send(OrchestratorAlive())
     await ends.until(1)
-    assert ends.received == [Alive()]
+    assert ends.received == [OrchestratorAlive()]
     assert ends.receiver.garbage == 1
     ends.close()
 
@@ -129,12 +131,12 @@ async def test_numbers_of_numpy_travel_as_plain_ones() -> None:
     number: Any = np.int64(1)
     t_s: Any = np.float32(1.5)
     north_m = np.float64(2.5)
-    message = Position(number, t_s, (north_m, 0.0, -1.0), (1.0, 0.0, 0.0, 0.0), AT_REST)
+    message = VehiclePosition(number, t_s, (north_m, 0.0, -1.0), (1.0, 0.0, 0.0, 0.0), AT_REST)
     ends.sender.send(message)
     await ends.until(1)
     (received,) = ends.received
     assert received == message
-    assert isinstance(received, Position)
+    assert isinstance(received, VehiclePosition)
     assert {type(one) for one in (received.t_s, *received.position_ned_m)} == {float}
     ends.close()
 
@@ -143,13 +145,13 @@ class Noted:
     """A channel that notes what waits and what does not."""
 
     def __init__(self) -> None:
-        self.at_once: list[Message] = []
-        self.waiting: list[Message] = []
+        self.at_once: list[ProcessMessage] = []
+        self.waiting: list[ProcessMessage] = []
 
-    def send(self, message: Message, *, replaces: object = None) -> None:
+    def send(self, message: ProcessMessage, *, replaces: object = None) -> None:
         self.at_once.append(message)
 
-    def send_soon(self, message: Message, *, key: object, within_s: float) -> None:
+    def send_soon(self, message: ProcessMessage, *, key: object, within_s: float) -> None:
         assert within_s <= 0.1
         self.waiting.append(message)
 
@@ -226,14 +228,14 @@ def test_a_fence_counts_until_the_guard_has_refused_it(
     channel.at_once.clear()
     for north_m in (2.0, 0.0, 6.0):
         guard.position(PoseSample(1.0, "real", Pose((north_m, 0.0, -1.0)), AT_REST))
-    sent = [one.position_ned_m[0] for one in channel.at_once if isinstance(one, Position)]
+    sent = [one.position_ned_m[0] for one in channel.at_once if isinstance(one, VehiclePosition)]
     assert sent == at_once
 
 
 SMALL = {"real": Fence.box(north_m=(-1, 1), east_m=(-1, 1), up_m=(-1, 6))}
 COMMANDS: tuple[Command, ...] = (
-    Alive(),
-    Operate(OperatorCommand("hold", "anna", run="large/wil/1")),
+    OrchestratorAlive(),
+    OperatorAction(OperatorCommand("hold", "anna", run="large/wil/1")),
     BringDown("the flight is over"),
     NewFences("anna", SMALL),
     NewFences("bert", SMALL, proposed=True),
@@ -241,14 +243,14 @@ COMMANDS: tuple[Command, ...] = (
     StartOutage("twin", 4.0),
 )
 NOT_FOR_A_GUARD: tuple[Command, ...] = (
-    Operate(OperatorCommand("geofence", "anna", document="a file")),
+    OperatorAction(OperatorCommand("geofence", "anna", document="a file")),
     NewFences("anna", {**SMALL, "nobody": SMALL["real"]}),
     AnchorAt("nobody", (0.0, 0.0, 0.0), 0.0),
     StartOutage("nobody", 1.0),
 )
 
 
-def type_name(message: Message) -> str:
+def type_name(message: ProcessMessage) -> str:
     """Return a message's id in a test's name: the same in each worker."""
     return type(message).__name__
 
@@ -257,7 +259,7 @@ class Wired:
     """A remote guard and the process of a guard; the bytes of the one go to the other at once."""
 
     def __init__(self, folder: Path) -> None:
-        ours, self._theirs = channel_pair()
+        ours, self._theirs = guard_channel_pair()
         remote: Any = RemoteGuard(guard_config=guard_config(folder))
         process: Any = GuardProcess(end=ours, lifeline=-1)
         self.remote, self.process = remote, process
@@ -269,11 +271,11 @@ class Wired:
         process._names, process._links = ("real", "twin"), [object(), object()]
         process._note = lambda event, text: self.notes.append(f"{event}: {text}")
 
-    def send(self, message: Message) -> None:
+    def send(self, message: ProcessMessage) -> None:
         for received in to_guard.decode(to_guard.encode([message])):
             self.process._take(received)
 
-    def send_soon(self, message: Message, *, key: object, within_s: float) -> None:
+    def send_soon(self, message: ProcessMessage, *, key: object, within_s: float) -> None:
         assert within_s <= 0.1
         self.waited.append(type(message))
         self.send(message)
@@ -304,7 +306,9 @@ def test_a_command_is_executed_by_the_guards_process_as_it_was_sent(
     assert to_guard.encode([executed]) == to_guard.encode([command])
     assert wired.process._statuses_unanswered == 0
     assert wired.notes == []
-    assert wired.waited == [type(command)] * isinstance(command, Alive), "no other command waits"
+    assert wired.waited == [type(command)] * isinstance(command, OrchestratorAlive), (
+        "no other command waits"
+    )
 
 
 @pytest.mark.parametrize("command", NOT_FOR_A_GUARD, ids=type_name)
@@ -326,9 +330,9 @@ def test_a_guard_that_has_not_opened_its_links_executes_nothing(
 
 def test_the_guards_process_tells_its_clock_how_far_the_orchestrator_is(wired: Wired) -> None:
     reached: list[tuple[str, float]] = []
-    wired.send(Reached(1.0))
+    wired.send(OrchestratorReached(1.0))
     wired.process._clock = SimpleNamespace(reached=lambda *row: reached.append(row))
-    wired.send(Reached(2.0))
+    wired.send(OrchestratorReached(2.0))
     assert reached == [(ORCHESTRATOR, 2.0)]
     assert len(wired.notes) == 1
 
@@ -338,8 +342,10 @@ def test_the_guards_process_tells_its_clock_how_far_the_orchestrator_is(wired: W
     [OrchestratorEnded(), VehicleGone("twin", ""), ClocksApart("twin", "")],
     ids=type_name,
 )
-def test_what_a_guards_process_finds_itself_comes_from_no_orchestrator(message: Message) -> None:
-    with pytest.raises(MessageError):
+def test_what_a_guards_process_finds_itself_comes_from_no_orchestrator(
+    message: ProcessMessage,
+) -> None:
+    with pytest.raises(ProcessMessageError):
         to_guard.decode(to_guard.encode([message]))
 
 
@@ -369,7 +375,7 @@ async def test_a_guard_without_its_orchestrator_lands_all_before_it_ends(wired: 
 
 @pytest.mark.parametrize(
     ("armed", "latched", "lives"),
-    [((), None, [Alive()]), (("real",), None, []), ((), "abort", [])],
+    [((), None, [OrchestratorAlive()]), (("real",), None, []), ((), "abort", [])],
 )
 async def test_a_silent_orchestrator_does_no_harm_on_the_ground(
     wired: Wired, armed: tuple[str, ...], latched: str | None, lives: list[Command]
@@ -394,4 +400,4 @@ async def test_messages_of_a_closed_end_are_read_before_the_channel_is_closed() 
     ends.sender.close()
     ends.receiver.read_rest()
     ends.receiver.close()
-    assert [one.t_s for one in ends.received if isinstance(one, Position)] == [0, 1, 2, 3, 4]
+    assert [one.t_s for one in ends.received if isinstance(one, VehiclePosition)] == [0, 1, 2, 3, 4]

@@ -18,20 +18,24 @@ from hypothesis import strategies as st
 from tests.ports import free_port
 from tests.safety.guard.remote_rigs import ROOT, RemoteFlight, guard_config, until
 from wil_campaign.plugins.impaired_links.impaired import Radio
-from wil_campaign.plugins.impaired_links.impairment import Bursts, Impairment, LinkOutage
+from wil_campaign.plugins.impaired_links.impairment import BurstLoss, Impairment, LinkOutage
 from wil_campaign.plugins.redundant_links.redundant import Redundancy
 from wil_campaign.safety.guard.core.commands import BringDown, StartOutage
 from wil_campaign.safety.guard.core.events import GuardedVehicle, GuardSettings
-from wil_campaign.safety.guard.process.guard_config import GuardConfig, GuardConfigError, Guarded
+from wil_campaign.safety.guard.process.guard_config import (
+    GuardConfig,
+    GuardConfigError,
+    GuardedVehicleConfig,
+)
 from wil_campaign.safety.guard.process.remote_guard import RemoteGuard
-from wil_campaign.vehicles.autopilots.autopilot import Target, own_heartbeat
+from wil_campaign.vehicles.autopilots.autopilot import MavlinkTarget, own_heartbeat
 from wil_campaign.vehicles.autopilots.px4 import Px4
 from wil_campaign.vehicles.links.link import LinkError
 from wil_campaign.vehicles.links.link_conditions import KeySource, LinkConditions
 from wil_campaign.vehicles.links.link_strings import parse_link
 from wil_campaign.vehicles.links.signed_link import SignedLink
 from wil_campaign.vehicles.links.udp import UdpLink
-from wil_campaign.vehicles.mavlink.codec import Codec
+from wil_campaign.vehicles.mavlink.codec import MavlinkCodec
 from wil_campaign.vehicles.mavlink.signing_key import key_from_environment
 
 KEY = "passphrase:of the test"
@@ -74,8 +78,8 @@ def signed_config(folder: Path, port: int) -> GuardConfig:
         folder=str(folder),
         epoch_s=time.time() - time.monotonic(),
         vehicles={
-            "real": Guarded(
-                vehicle=GuardedVehicle(autopilot=Px4(), target=Target(1), attached=True),
+            "real": GuardedVehicleConfig(
+                vehicle=GuardedVehicle(autopilot=Px4(), target=MavlinkTarget(1), attached=True),
                 link=f"udpin://127.0.0.1:{port}",
                 conditions=LinkConditions(signing=KeySource("environment", "WIL_TEST_KEY")),
             )
@@ -90,11 +94,11 @@ async def test_the_guard_signs_and_believes_only_what_is_signed(
     port = free_port()
     guard = RemoteGuard(guard_config=signed_config(tmp_path, port))
     inside: list[str] = []
-    ours = Codec(system_id=245, component_id=190)
+    ours = MavlinkCodec(system_id=245, component_id=190)
     link = guard.link("real")
     link.receive(lambda data, _: inside.extend(m.get_type() for m in ours.parse(data)))
     address = parse_link(f"udpout://127.0.0.1:{port}")
-    vehicle, stranger = (Codec(system_id=1, component_id=1) for _ in range(2))
+    vehicle, stranger = (MavlinkCodec(system_id=1, component_id=1) for _ in range(2))
     signed = SignedLink(
         link=UdpLink(address=address), key=key_from_environment("WIL_TEST_KEY"), utc_s=time.time()
     )
@@ -127,7 +131,7 @@ async def test_a_rival_at_a_vehicle_s_port_is_an_event_of_its_own(tmp_path: Path
     address = parse_link(f"udpout://127.0.0.1:{port}")
     link = guard.link("real")
     link.receive(lambda *_: None)
-    codecs = [Codec(system_id=1, component_id=1) for _ in range(2)]
+    codecs = [MavlinkCodec(system_id=1, component_id=1) for _ in range(2)]
     async with link, guard, UdpLink(address=address) as one, UdpLink(address=address) as other:
         async with asyncio.timeout(20.0):
             while not any(event.kind == "rival" for event in guard.events):
@@ -152,7 +156,7 @@ _impairments = st.builds(
     latency_s=st.floats(1.0, 5.0),
     jitter_s=st.floats(0.0, 1.0),
     loss=_chances,
-    bursts=st.none() | st.builds(Bursts, length_s=st.floats(0.1, 5), gap_s=st.floats(0.1, 5)),
+    bursts=st.none() | st.builds(BurstLoss, length_s=st.floats(0.1, 5), gap_s=st.floats(0.1, 5)),
     duplicate=_chances,
     bandwidth_bit_s=st.none() | st.floats(100.0, 1e6),
     outages=st.lists(st.builds(LinkOutage, _times, st.floats(0.1, 3.0))).map(tuple),

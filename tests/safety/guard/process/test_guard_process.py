@@ -33,15 +33,15 @@ from wil_campaign.foundation.clocks.paced_loop import PacedLoop
 from wil_campaign.foundation.processes.identity import ProcessId
 from wil_campaign.plugins.doctor.machine import granted_to_guard
 from wil_campaign.safety.fence.geofence import Fence
-from wil_campaign.safety.guard.core.commands import AnchorAt, BringDown, NewFences, Operate
-from wil_campaign.safety.guard.core.contingency import Phase
-from wil_campaign.safety.guard.core.events import GuardEvent, decisive
+from wil_campaign.safety.guard.core.commands import AnchorAt, BringDown, NewFences, OperatorAction
+from wil_campaign.safety.guard.core.contingency import ContingencyPhase
+from wil_campaign.safety.guard.core.events import GuardEvent, decisive_guard_event
 from wil_campaign.safety.guard.core.operator_command import OperatorCommand
 from wil_campaign.safety.guard.operator.operator_socket import POINTER
 from wil_campaign.safety.guard.process import guard_process, guard_stderr
 from wil_campaign.safety.guard.process.guard_process import GuardProcess
 from wil_campaign.safety.guard.process.guard_stderr import logging_in_thread
-from wil_campaign.safety.guard.process.orphaned_processes import reap_orphans, records
+from wil_campaign.safety.guard.process.orphaned_processes import guard_records, reap_orphans
 from wil_campaign.safety.guard.process.remote_guard import RemoteGuard
 from wil_campaign.safety.guard.process.runtime_folder import open_runtime_folder
 from wil_campaign.vehicles.links.link import LinkError
@@ -112,7 +112,7 @@ async def test_frames_pass_both_ways_and_are_logged(folder: Path) -> None:
         assert all(locked_kb(pid) == 0 for pid in flight.pids.values())
         flight.guard.send(BringDown("done"))
         assert await flight.guard.all_down(60.0)
-        assert flight.guard.phases == {"real": Phase.DOWN, "twin": Phase.DOWN}
+        assert flight.guard.phases == {"real": ContingencyPhase.DOWN, "twin": ContingencyPhase.DOWN}
     assert gone(flight.guard.pid)
     assert all(map(gone, flight.pids.values()))
     log: Any = mavutil.mavlink_connection(str(folder / "real.tlog"))
@@ -183,7 +183,7 @@ async def test_the_guard_lands_both_after_a_kill_of_the_orchestrator(
     assert [line["event"] for line in lines].count("ended") == 2
     assert ("guard", "silence") in [(line["event"], line.get("kind")) for line in lines]
     assert lines[-1]["event"] == "end"
-    assert records(runtime) == ()
+    assert guard_records(runtime) == ()
 
 
 async def test_the_guard_lands_both_after_a_stop_of_the_orchestrator(folder: Path) -> None:
@@ -212,7 +212,7 @@ async def test_a_killed_guard_leaves_the_landing_to_the_autopilots(folder: Path)
         assert await flight.guard.at_rest(30.0)
         assert not any(map(gone, flight.pids.values()))
         assert all(flight.heard[name] > heard[name] for name in heard)
-        flight.guard.send(Operate(OperatorCommand("abort", "nobody hears this")))
+        flight.guard.send(OperatorAction(OperatorCommand("abort", "nobody hears this")))
     assert all(map(gone, flight.pids.values()))
     for name in ("real", "twin"):
         assert "FAILSAFE" in [word for _, word in words(folder, name)]
@@ -248,9 +248,9 @@ async def test_nothing_is_left_after_a_kill_of_orchestrator_and_guard(
     await program.wait()
     os.kill(pids["guard"], signal.SIGKILL)
     await until(lambda: all(gone(pid) for pid in pids.values()))
-    assert len(records(runtime)) == 1
+    assert len(guard_records(runtime)) == 1
     assert reap_orphans(runtime) == ()
-    assert records(runtime) == ()
+    assert guard_records(runtime) == ()
 
 
 async def test_the_operators_socket(folder: Path) -> None:
@@ -312,8 +312,10 @@ async def test_a_log_that_cannot_be_written_is_an_error_and_the_guard_goes_on(fo
     async with RemoteFlight(folder) as flight:
         resource.prlimit(flight.guard.pid, resource.RLIMIT_FSIZE, (64, 64))
         await until(lambda: set(flight.kinds()) == {"record"} and len(flight.kinds()) == 2)
-        assert flight.guard.phases == {"real": Phase.IDLE, "twin": Phase.IDLE}
-        decided = [decisive(event) for event in flight.guard.events if event.kind == "record"]
+        assert flight.guard.phases == {"real": ContingencyPhase.IDLE, "twin": ContingencyPhase.IDLE}
+        decided = [
+            decisive_guard_event(event) for event in flight.guard.events if event.kind == "record"
+        ]
         assert {(one.kind, one.source) for one in decided if one is not None} == {
             ("ERROR", "guard.record/real"),
             ("ERROR", "guard.record/twin"),
@@ -389,7 +391,7 @@ def test_logging_does_not_wait_for_stderr_and_its_thread_has_the_guards_priority
 ) -> None:
     """A full pipe is the disk that stands still, until it is read."""
     risen: list[int] = []
-    monkeypatch.setattr(guard_stderr, "rise_above_load", lambda: risen.append(get_ident()))
+    monkeypatch.setattr(guard_stderr, "raise_process_priority", lambda: risen.append(get_ident()))
     monkeypatch.setattr(guard_stderr, "_MOST_POLLS", 1200)
     read_end, write_end = os.pipe()
     full = b"." * fcntl.fcntl(write_end, fcntl.F_SETPIPE_SZ, 4096)
@@ -515,7 +517,7 @@ def test_a_runtime_folder_too_deep_for_sockets_is_passed_over(
 def test_the_last_ticks_do_not_wait_for_a_clock_that_stands_still() -> None:
     async def ends_s(within_s: float) -> float:
         began_s = time.monotonic()
-        await guard_process.last_ticks(within_s)
+        await guard_process.await_last_ticks(within_s)
         return time.monotonic() - began_s
 
     for speed, within_s, at_least_s in ((1e-9, 0.05, 0.05), (1.0, 60.0, 0.1)):

@@ -5,7 +5,7 @@ from collections.abc import Callable
 
 from wil_campaign.foundation.clocks.lockstep import LEAD_S
 from wil_campaign.foundation.clocks.paced_loop import PacedLoop
-from wil_campaign.foundation.clocks.sim_clock_controller import STALL_S, STEP_S, Segment
+from wil_campaign.foundation.clocks.sim_clock_controller import STALL_S, STEP_S, ClockSegment
 from wil_campaign.safety.guard.core.commands import Trouble, VehicleGone
 from wil_campaign.safety.guard.process.lockstep_clock import HURRY_S, ORCHESTRATOR, LockstepClock
 from wil_campaign.safety.guard.process.run_clock import PaceSetup
@@ -17,7 +17,7 @@ class Wall:
     def __init__(self, loop: PacedLoop) -> None:
         self.loop = loop
         self.began_s = self.now_s = loop.time()
-        self.published: list[Segment] = []
+        self.published: list[ClockSegment] = []
         self.troubles: list[Trouble] = []
         self.took_over = False
         self.step: Callable[[], object] = lambda: None

@@ -6,12 +6,12 @@ from pathlib import Path
 
 import pytest
 
-from wil_campaign.orchestrator.operator.campaign_records import CampaignRecord, places
+from wil_campaign.orchestrator.operator.campaign_records import CampaignRecord, operator_places
 from wil_campaign.safety.guard.process.runtime_folder import (
     RuntimeFolderError,
     open_runtime_folder,
     runtime_folders,
-    sweep,
+    sweep_runtime_folder,
     unsafe_folders,
 )
 from wil_campaign.vehicles.driver.onboard.crash_safe_file import CrashSafeFile
@@ -90,7 +90,7 @@ def test_a_flight_is_found_where_it_began(usual: Path, other: Path, tmp_path: Pa
     with record:
         assert record.passed_over[0].endswith(f"; {other} is used")
         usual.rmdir()
-        assert [campaign.name for campaign in places().campaigns] == ["gate"]
+        assert [campaign.name for campaign in operator_places().campaigns] == ["gate"]
         assert record.socket.parent == other
         assert runtime_folders() == (other,)
 
@@ -104,7 +104,7 @@ def test_files_of_dead_processes_are_removed(usual: Path) -> None:
         path.touch()
     for name in ("campaign-4194303.sock", "guard-4194303.sock", "guard-4194303-77.part"):
         (folder / name).touch()
-    sweep(folder)
+    sweep_runtime_folder(folder)
     assert sorted(folder.iterdir()) == sorted(stays)
 
 

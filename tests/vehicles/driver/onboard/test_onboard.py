@@ -18,7 +18,7 @@ from tests.ports import free_port
 from wil_campaign.foundation.clocks.virtual_loop import run_virtual
 from wil_campaign.plugins.impaired_links.impaired import ImpairedLink
 from wil_campaign.plugins.impaired_links.impairment import Impairment
-from wil_campaign.vehicles.autopilots.autopilot import Target
+from wil_campaign.vehicles.autopilots.autopilot import MavlinkTarget
 from wil_campaign.vehicles.driver import Driver
 from wil_campaign.vehicles.driver.onboard.fence_protocol import AutopilotFence
 from wil_campaign.vehicles.driver.onboard.mission_protocol import (
@@ -27,31 +27,31 @@ from wil_campaign.vehicles.driver.onboard.mission_protocol import (
     MissionItem,
 )
 from wil_campaign.vehicles.driver.onboard.onboard_fence import OnboardFence
-from wil_campaign.vehicles.driver.onboard.vehicle_logs import LogEntry, LogError, VehicleLogs
-from wil_campaign.vehicles.driver.session.session import Session
+from wil_campaign.vehicles.driver.onboard.vehicle_logs import LogEntry, VehicleLogError, VehicleLogs
+from wil_campaign.vehicles.driver.session.session import MavlinkSession
 from wil_campaign.vehicles.embedded.physics.config import EmbeddedConfig
 from wil_campaign.vehicles.embedded.vehicle import EmbeddedVehicle
 from wil_campaign.vehicles.errors import ParameterError
 from wil_campaign.vehicles.links.link_factory import open_link
 from wil_campaign.vehicles.links.link_strings import parse_link
 from wil_campaign.vehicles.links.memory import memory_pair
-from wil_campaign.vehicles.mavlink.fence_areas import FenceCircle, FencePolygon, Place
+from wil_campaign.vehicles.mavlink.fence_areas import FenceCircle, FencePlace, FencePolygon
 
 BOTH = pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
 GOOD = Impairment()
 BAD = Impairment(latency_s=0.08, jitter_s=0.04, loss=0.08, duplicate=0.05)
 Script = Callable[[Driver, EmbeddedVehicle], Awaitable[Any]]
 
-HOME = Place(47.397742, 8.545594)
+HOME = FencePlace(47.397742, 8.545594)
 STEP_DEG = 1e-4
 AROUND = FencePolygon(
     tuple(
-        Place(HOME.latitude_deg + north * STEP_DEG, HOME.longitude_deg + east * STEP_DEG)
+        FencePlace(HOME.latitude_deg + north * STEP_DEG, HOME.longitude_deg + east * STEP_DEG)
         for north, east in ((3, 3), (3, -3), (-3, -3), (-3, 3))
     )
 )
-TREE = FenceCircle(Place(HOME.latitude_deg + STEP_DEG, HOME.longitude_deg), 2.0, inside=False)
-ELSEWHERE = FenceCircle(Place(HOME.latitude_deg + 0.1, HOME.longitude_deg), 5.0)
+TREE = FenceCircle(FencePlace(HOME.latitude_deg + STEP_DEG, HOME.longitude_deg), 2.0, inside=False)
+ELSEWHERE = FenceCircle(FencePlace(HOME.latitude_deg + 0.1, HOME.longitude_deg), 5.0)
 ROUTE = tuple(
     MissionItem(
         command=mavlink.MAV_CMD_NAV_WAYPOINT,
@@ -305,7 +305,7 @@ def test_a_log_that_stops_half_way_leaves_nothing_behind(tmp_path: Path) -> None
         def stop(received: int) -> None:
             vehicle.mute(muted=True)
 
-        with pytest.raises(LogError, match=r"log 0 stopped at \d+ of \d+ bytes"):
+        with pytest.raises(VehicleLogError, match=r"log 0 stopped at \d+ of \d+ bytes"):
             await driver.onboard.logs.fetch(entry, tmp_path, progress=stop)
 
     _on_board("px4", script)
@@ -316,7 +316,7 @@ def test_a_log_that_cannot_be_written_says_where(tmp_path: Path) -> None:
     async def script(driver: Driver, vehicle: EmbeddedVehicle) -> None:
         _write_log(vehicle, seconds=10.0)
         (entry,) = await driver.onboard.logs.list()
-        with pytest.raises(LogError, match=r"log 0 to .*away/log-0.ulg: No such file"):
+        with pytest.raises(VehicleLogError, match=r"log 0 to .*away/log-0.ulg: No such file"):
             await driver.onboard.logs.fetch(entry, tmp_path / "away")
 
     _on_board("px4", script)
@@ -328,7 +328,7 @@ def test_errors_before_the_vehicle_is_known() -> None:
         driver = Driver(name="real", link=ours)
         with pytest.raises(MissionError, match="identified"):
             await driver.onboard.missions.download(ItemList.FENCE)
-        with pytest.raises(LogError, match="identified"):
+        with pytest.raises(VehicleLogError, match="identified"):
             await driver.onboard.logs.list()
 
     run_virtual(scenario())
@@ -352,10 +352,10 @@ def test_an_impossible_fence_is_refused(make: Callable[[], Any]) -> None:
 def test_a_log_of_an_unidentified_vehicle_leaves_no_file(tmp_path: Path) -> None:
     async def fetch() -> None:
         near, _ = memory_pair(latency_s=0.003)
-        logs = VehicleLogs(session=Session(link=near, own=Target(245, 190)))
+        logs = VehicleLogs(session=MavlinkSession(link=near, own=MavlinkTarget(245, 190)))
         await logs.fetch(LogEntry(1, 1000, None), tmp_path)
 
-    with pytest.raises(LogError, match="no vehicle is identified yet"):
+    with pytest.raises(VehicleLogError, match="no vehicle is identified yet"):
         run_virtual(fetch())
     assert list(tmp_path.iterdir()) == []
 
@@ -371,13 +371,13 @@ def test_an_empty_log_is_no_file(
 
     async def fetch() -> None:
         ours, peer = fake_pair()
-        session = Session(link=ours, own=Target(245, 190))
-        session.target = Target(1, 1)
+        session = MavlinkSession(link=ours, own=MavlinkTarget(245, 190))
+        session.target = MavlinkTarget(1, 1)
         peer.replies["LOG_REQUEST_DATA"] = end_at_once
         async with peer, ours:
             await VehicleLogs(session=session).fetch(LogEntry(3, size_bytes, None), tmp_path)
 
-    with pytest.raises(LogError, match="log 3 is empty"):
+    with pytest.raises(VehicleLogError, match="log 3 is empty"):
         run_virtual(fetch())
     assert list(tmp_path.iterdir()) == []
 
@@ -397,8 +397,8 @@ def test_the_newest_log_is_the_last(
 
     async def newest() -> list[int]:
         ours, peer = fake_pair()
-        session = Session(link=ours, own=Target(245, 190))
-        session.target = Target(1, 1)
+        session = MavlinkSession(link=ours, own=MavlinkTarget(245, 190))
+        session.target = MavlinkTarget(1, 1)
         peer.replies["LOG_REQUEST_LIST"] = say_logs
         logs = VehicleLogs(session=session)
         logs.use_format(".log", numbered_in_order=in_order)

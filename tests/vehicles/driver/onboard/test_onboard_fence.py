@@ -27,10 +27,10 @@ from wil_campaign.vehicles.embedded.physics.config import EmbeddedConfig
 from wil_campaign.vehicles.embedded.vehicle import EmbeddedVehicle
 from wil_campaign.vehicles.errors import ParameterError, VehicleError
 from wil_campaign.vehicles.links.memory import memory_pair
-from wil_campaign.vehicles.mavlink.fence_areas import FenceCircle, Place
+from wil_campaign.vehicles.mavlink.fence_areas import FenceCircle, FencePlace
 
 BOTH = pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
-HOME = Place(47.397742, 8.545594)
+HOME = FencePlace(47.397742, 8.545594)
 
 
 def around(radius_m: float, ceiling_m: float | None) -> AutopilotFence:

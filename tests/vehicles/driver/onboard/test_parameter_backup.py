@@ -18,7 +18,7 @@ from wil_campaign.vehicles.driver.onboard.crash_safe_file import CrashSafeFile
 from wil_campaign.vehicles.driver.onboard.parameter_backup import (
     ParameterBackup,
     ParameterValue,
-    Restored,
+    RestoredParameters,
     restore_backups,
 )
 from wil_campaign.vehicles.driver.onboard.parameters import _as_float32
@@ -250,14 +250,14 @@ def test_backups_of_others_and_of_the_living_are_left_alone(tmp_path: Path) -> N
     killed_run(tmp_path)
     access = Access(A=5, B=0.7)
     other = run_virtual(restore_backups(tmp_path, access=access, vehicle="px4 2 8"))
-    assert other == Restored()
+    assert other == RestoredParameters()
     assert len(list(tmp_path.iterdir())) == 1
 
-    async def scenario() -> Restored:
+    async def scenario() -> RestoredParameters:
         async with context(Access(A=1), {"A": 4}, tmp_path / "living"):
             return await restore_backups(tmp_path / "living", access=Access(A=4), vehicle="px4 1 7")
 
-    assert run_virtual(scenario()) == Restored()
+    assert run_virtual(scenario()) == RestoredParameters()
 
 
 def test_several_backups_are_set_back_newest_first(tmp_path: Path) -> None:

@@ -5,7 +5,7 @@ from typing import Any, cast
 
 import pytest
 
-from wil_campaign.vehicles.autopilots.autopilot import Target
+from wil_campaign.vehicles.autopilots.autopilot import MavlinkTarget
 from wil_campaign.vehicles.autopilots.registry import autopilot_named
 from wil_campaign.vehicles.driver.onboard.parameter_digest import ParameterDigest
 
@@ -29,7 +29,7 @@ class Listening:
 def digest_of(values: dict[str, float], *, count: int) -> str:
     session = Listening()
     digest = ParameterDigest(session=cast("Any", session))
-    digest.begin(autopilot_named("ardupilot"), Target(1))
+    digest.begin(autopilot_named("ardupilot"), MavlinkTarget(1))
     for index, (name, value) in enumerate(values.items()):
         message = SimpleNamespace(
             param_id=name, param_value=value, param_type=9, param_count=count, param_index=index

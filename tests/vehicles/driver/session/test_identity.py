@@ -8,19 +8,21 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from wil_campaign.foundation.clocks.virtual_loop import run_virtual
-from wil_campaign.vehicles.autopilots.autopilot import Target
+from wil_campaign.vehicles.autopilots.autopilot import MavlinkTarget
 from wil_campaign.vehicles.autopilots.px4 import Px4
 from wil_campaign.vehicles.driver import Driver
 from wil_campaign.vehicles.driver.session.identity import (
-    Identity,
-    Wanted,
+    VehicleIdentity,
+    WantedVehicle,
     describe_mismatches,
     identity_of,
     matching_vehicle,
     same_vehicle,
 )
-from wil_campaign.vehicles.driver.session.session import ReceivedHeartbeat, Sender
-from wil_campaign.vehicles.embedded.autopilot.flight.autopilot_state import Identity as Embedded
+from wil_campaign.vehicles.driver.session.session import HeartbeatSender, ReceivedHeartbeat
+from wil_campaign.vehicles.embedded.autopilot.flight.autopilot_state import (
+    EmulatedIdentity as Embedded,
+)
 from wil_campaign.vehicles.embedded.autopilot.px4 import px4_telemetry
 from wil_campaign.vehicles.mavlink.heartbeats import HeartbeatKind
 
@@ -33,10 +35,10 @@ def version(uid: int, uid2: bytes) -> Any:
     )
 
 
-def known(system: int, version: Any) -> Identity:
+def known(system: int, version: Any) -> VehicleIdentity:
     heartbeat = mavlink.MAVLink_heartbeat_message(2, 12, 29, 0, 3, 3)
     received = ReceivedHeartbeat(heartbeat, 0.0, 2)
-    return identity_of(Px4(), Target(system), received, version, is_simulated=False)
+    return identity_of(Px4(), MavlinkTarget(system), received, version, is_simulated=False)
 
 
 @pytest.mark.parametrize("system", [1, 2, 3, 250])
@@ -59,15 +61,15 @@ def test_an_autopilot_with_another_component_id_is_refused() -> None:
     """Guard and redundant links read the frames of component 1 only."""
     heartbeat = ReceivedHeartbeat(mavlink.MAVLink_heartbeat_message(2, 12, 29, 0, 3, 3), 0.0, 2)
     kind = HeartbeatKind(2, 12)
-    other, one = {Sender(1, 2, kind): heartbeat}, {Sender(1, 1, kind): heartbeat}
-    assert matching_vehicle(other, Wanted()) is None
-    assert describe_mismatches(other, Wanted()) == (
+    other, one = {HeartbeatSender(1, 2, kind): heartbeat}, {HeartbeatSender(1, 1, kind): heartbeat}
+    assert matching_vehicle(other, WantedVehicle()) is None
+    assert describe_mismatches(other, WantedVehicle()) == (
         "system 1 component 2 is px4, and only autopilots with component id 1 are supported; set "
         "its component id to 1 (PX4: MAV_COMP_ID)"
     )
-    found = matching_vehicle({**other, **one}, Wanted())
+    found = matching_vehicle({**other, **one}, WantedVehicle())
     assert found is not None
-    assert found[0].target == Target(1, 1)
+    assert found[0].target == MavlinkTarget(1, 1)
 
 
 REQUEST = f"COMMAND_LONG:{mavlink.MAV_CMD_REQUEST_MESSAGE}"

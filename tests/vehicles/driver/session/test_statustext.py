@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from wil_campaign.vehicles.driver.session.statustext import StatustextPieces, WholeText
+from wil_campaign.vehicles.driver.session.statustext import StatustextPieces, WholeStatustext
 
 SAFETY = "Preflight Fail: Vehicle is in safety configuration"
 """Exactly 50 characters, as PX4 1.18 sends them: with an id, and nothing after it."""
@@ -28,7 +28,7 @@ def pieces_of(text: str, text_id: int = 7, *, ends: bool = False) -> list[bytes]
     return [payload(part, text_id, place) for place, part in enumerate(parts)]
 
 
-def texts(found: Iterable[WholeText]) -> list[str]:
+def texts(found: Iterable[WholeStatustext]) -> list[str]:
     return [one.text for one in found]
 
 
@@ -50,9 +50,9 @@ def test_text_of_50_characters_without_an_end_is_taken_after_a_second() -> None:
     (only,) = pieces_of(SAFETY)
     joins = StatustextPieces()
     assert joins.add(only, 5.0) == []
-    assert joins.unfinished == WholeText(5.0, 4, SAFETY)
+    assert joins.unfinished == WholeStatustext(5.0, 4, SAFETY)
     assert joins.expire(5.9) == []
-    assert joins.expire(6.0) == [WholeText(5.0, 4, SAFETY)]
+    assert joins.expire(6.0) == [WholeStatustext(5.0, 4, SAFETY)]
     assert joins.expire(9.0) == []
     assert joins.unfinished is None
     # ArduPilot's end of it, had it been late, is no text.

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from wil_campaign.vehicles.embedded.physics.body import Body
+from wil_campaign.vehicles.embedded.physics.body import FlyingBody
 from wil_campaign.vehicles.embedded.physics.config import EmbeddedConfig
 from wil_campaign.vehicles.embedded.vehicle import build_autopilot
-from wil_campaign.vehicles.mavlink.codec import Codec
+from wil_campaign.vehicles.mavlink.codec import MavlinkCodec
 
 TURN_S = 0.02
 READY_S = {"px4": 7.0, "ardupilot": 42.0}
@@ -23,17 +23,17 @@ class BareAutopilot:
 
     def __init__(self, autopilot: str, **config: Any) -> None:
         settings = EmbeddedConfig(autopilot=autopilot, **config)
-        body = Body(config=settings, seed=1, contact_world=None)
+        body = FlyingBody(config=settings, seed=1, contact_world=None)
         self.altitude_m = settings.altitude_m
         self.autopilot = build_autopilot(settings, body)
         self.estimate = body.estimate
         self.estimate[14] = -9.80665
         self._body = body
         self.t_s = 0.0
-        self._client = Codec(system_id=255, component_id=190)
-        self._received = Codec(system_id=1, component_id=1)
-        self._sent = Codec(system_id=1, component_id=1)
-        self._answers = Codec(system_id=255, component_id=190)
+        self._client = MavlinkCodec(system_id=255, component_id=190)
+        self._received = MavlinkCodec(system_id=1, component_id=1)
+        self._sent = MavlinkCodec(system_id=1, component_id=1)
+        self._answers = MavlinkCodec(system_id=255, component_id=190)
 
     @property
     def height_m(self) -> float:
@@ -56,7 +56,7 @@ class BareAutopilot:
 
     def send(self, message: Any, *, system: int = 255) -> list[Any]:
         """Send a message as a client does; return what is answered at once."""
-        client = self._client if system == 255 else Codec(system_id=system, component_id=190)
+        client = self._client if system == 255 else MavlinkCodec(system_id=system, component_id=190)
         for received in self._received.parse(client.pack(message)):
             self.autopilot.handle(received, self.t_s)
         return self._flush()

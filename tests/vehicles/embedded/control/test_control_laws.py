@@ -11,12 +11,12 @@ from hypothesis import strategies as st
 from wil_campaign.plugins.ardupilot.copter.copter_core import LAW as COPTER
 from wil_campaign.plugins.ardupilot.copter.copter_core import CopterCore
 from wil_campaign.vehicles.embedded.autopilot.flight.parameter_table import (
-    Parameters,
+    ParameterTable,
     load_parameters,
 )
 from wil_campaign.vehicles.embedded.autopilot.px4.px4_core import Px4Core
-from wil_campaign.vehicles.embedded.control.law import PX4, ControlLaw, LawKind
-from wil_campaign.vehicles.embedded.control.target import Target
+from wil_campaign.vehicles.embedded.control.law import PX4, ControlLaw, ControlLawKind
+from wil_campaign.vehicles.embedded.control.target import ControlTarget
 from wil_campaign.vehicles.embedded.physics.airframe import Airframe
 from wil_campaign.vehicles.embedded.physics.motion_kernel import (
     BODY_NUMBERS,
@@ -25,7 +25,7 @@ from wil_campaign.vehicles.embedded.physics.motion_kernel import (
     LAW,
     NO_LAW,
     WRECKED,
-    read_and_estimate,
+    read_and_estimate_motion,
 )
 from wil_campaign.worlds.jit import F64
 
@@ -35,18 +35,18 @@ BOTH = pytest.mark.parametrize("kind", [PX4, COPTER], ids=["px4", "ardupilot"])
 finite = st.floats(-100.0, 100.0)
 
 
-def parameters(kind: LawKind, **overrides: float) -> Parameters:
+def parameters(kind: ControlLawKind, **overrides: float) -> ParameterTable:
     core: Any = Px4Core if kind is PX4 else CopterCore
     firmware = core.firmware
     return load_parameters(firmware.parameter_file, bytewise=firmware.bytewise, overrides=overrides)
 
 
-def defaults_of(kind: LawKind, table: Parameters) -> dict[str, float]:
+def defaults_of(kind: ControlLawKind, table: ParameterTable) -> dict[str, float]:
     """Return the defaults of a law's gains."""
     return {name: table[name] for name in kind.gains}
 
 
-def new_law(kind: LawKind, **overrides: float) -> ControlLaw:
+def new_law(kind: ControlLawKind, **overrides: float) -> ControlLaw:
     law = ControlLaw(
         kind=kind, airframe=AIRFRAME, dt_s=STEP_S, parameters=parameters(kind, **overrides)
     )
@@ -72,7 +72,7 @@ def motion(**values: tuple[float, float, float]) -> F64:
     direct=st.booleans(),
 )
 def test_thrusts_stay_within_the_motors(
-    kind: LawKind,
+    kind: ControlLawKind,
     position: tuple[float, float, float],
     velocity: tuple[float, float, float],
     yaw_rad: float,
@@ -80,15 +80,15 @@ def test_thrusts_stay_within_the_motors(
 ) -> None:
     law, now = new_law(kind), motion(velocity=velocity)
     for _ in range(20):
-        thrusts = law.run(now, Target(position, yaw_rad=yaw_rad, direct=direct))
+        thrusts = law.run(now, ControlTarget(position, yaw_rad=yaw_rad, direct=direct))
         assert all(0.0 <= thrust <= AIRFRAME.max_thrust_n + 1e-9 for thrust in thrusts)
 
 
 @BOTH
-def test_at_its_place_it_carries_its_weight(kind: LawKind) -> None:
+def test_at_its_place_it_carries_its_weight(kind: ControlLawKind) -> None:
     law, now = new_law(kind), motion()
     for _ in range(250):
-        thrusts = law.run(now, Target((0.0, 0.0, 0.0), yaw_rad=0.0, direct=True))
+        thrusts = law.run(now, ControlTarget((0.0, 0.0, 0.0), yaw_rad=0.0, direct=True))
     assert thrusts == pytest.approx([AIRFRAME.hover_thrust_n] * 4, rel=1e-6)
 
 
@@ -96,12 +96,12 @@ def test_at_its_place_it_carries_its_weight(kind: LawKind) -> None:
 @pytest.mark.parametrize(
     ("target", "rear_less_front"),
     [
-        (Target((None, None, None), (1.0, 0.0, 0.0), 0.0, direct=True), 1),
-        (Target((None, None, None), (-1.0, 0.0, 0.0), 0.0, direct=True), -1),
+        (ControlTarget((None, None, None), (1.0, 0.0, 0.0), 0.0, direct=True), 1),
+        (ControlTarget((None, None, None), (-1.0, 0.0, 0.0), 0.0, direct=True), -1),
     ],
 )
 def test_it_pitches_towards_where_it_shall_fly(
-    kind: LawKind, target: Target, rear_less_front: int
+    kind: ControlLawKind, target: ControlTarget, rear_less_front: int
 ) -> None:
     law, now = new_law(kind), motion()
     for _ in range(25):
@@ -110,12 +110,12 @@ def test_it_pitches_towards_where_it_shall_fly(
 
 
 @BOTH
-def test_it_turns_the_shorter_way(kind: LawKind) -> None:
+def test_it_turns_the_shorter_way(kind: ControlLawKind) -> None:
     law, now = new_law(kind), motion(euler=(0.0, 0.0, 3.0))
     law.reset(yaw_rad=3.0)
     for _ in range(25):
         # Front right and rear left turn the body clockwise by their reaction.
-        one, two, other, last = law.run(now, Target((0, 0, 0), yaw_rad=-3.0, direct=True))
+        one, two, other, last = law.run(now, ControlTarget((0, 0, 0), yaw_rad=-3.0, direct=True))
     assert one + two > other + last
 
 
@@ -125,7 +125,7 @@ def test_it_turns_the_shorter_way(kind: LawKind) -> None:
     + [(COPTER, name, 0.5) for name in COPTER.gains if name != "ATC_RAT_YAW_D"]
     + [(PX4, "MPC_Z_VEL_D_ACC", 0.5), (PX4, "MC_YAWRATE_D", 0.5), (COPTER, "ATC_RAT_YAW_D", 0.5)],
 )
-def test_every_parameter_of_a_law_acts(kind: LawKind, name: str, value: float) -> None:
+def test_every_parameter_of_a_law_acts(kind: ControlLawKind, name: str, value: float) -> None:
     """Each gain changes the thrusts of a rough ride in which every limit is met."""
     # What caps the feed-forward is nothing without one, and there is none by default.
     needs = {"MC_REF_FF": 1.0} if name == "MC_REF_FF_MAX" else {}
@@ -145,7 +145,9 @@ def test_every_parameter_of_a_law_acts(kind: LawKind, name: str, value: float) -
             place = (9.0, -9.0, -5.0) if step % 200 < 100 else (None, None, None)
             yaw_rad = 2.0 if step % 150 < 75 else -2.0
             thrusts.append(
-                law.run(now, Target(place, (1.0, 2.0, -1.0), yaw_rad, 0.0, (9, 3, 2), direct))
+                law.run(
+                    now, ControlTarget(place, (1.0, 2.0, -1.0), yaw_rad, 0.0, (9, 3, 2), direct)
+                )
             )
         return thrusts
 
@@ -154,7 +156,9 @@ def test_every_parameter_of_a_law_acts(kind: LawKind, name: str, value: float) -
 
 @BOTH
 @pytest.mark.parametrize("value", [0.0, -1.0, 1e-30, 1e30, 3.4e38, math.nan, math.inf])
-def test_thrusts_stay_numbers_whatever_a_parameter_is_set_to(kind: LawKind, value: float) -> None:
+def test_thrusts_stay_numbers_whatever_a_parameter_is_set_to(
+    kind: ControlLawKind, value: float
+) -> None:
     """A client may set a gain to anything that a float can be; the vehicle goes on."""
     law, defaults = new_law(kind), defaults_of(kind, parameters(kind))
     for name in kind.gains:
@@ -164,15 +168,15 @@ def test_thrusts_stay_numbers_whatever_a_parameter_is_set_to(kind: LawKind, valu
             sign = 1.0 if step % 20 < 10 else -1.0
             now = motion(velocity=(sign, 2.0 * sign, -sign), euler=(0.3 * sign, -0.3, sign))
             place = (9.0, -9.0, -5.0) if step % 100 < 50 else (None, None, None)
-            target = Target(place, (1.0, 2.0, -1.0), 2.0 * sign, direct=step < 100)
+            target = ControlTarget(place, (1.0, 2.0, -1.0), 2.0 * sign, direct=step < 100)
             thrusts = law.run(now, target)
             assert all(0.0 <= thrust <= AIRFRAME.max_thrust_n + 1e-9 for thrust in thrusts), name
 
 
 @BOTH
-def test_a_velocity_is_cut_to_the_limit_not_turned_aside(kind: LawKind) -> None:
+def test_a_velocity_is_cut_to_the_limit_not_turned_aside(kind: ControlLawKind) -> None:
     fast, limited = new_law(kind), new_law(kind)
-    asked = Target(
+    asked = ControlTarget(
         (None, None, None), (8.0, -6.0, 0.0), 0.0, speed_m_s=(5.0, 3.0, 1.5), direct=True
     )
     same = asked._replace(velocity_ned_m_s=(4.0, -3.0, 0.0))
@@ -183,7 +187,7 @@ def test_a_velocity_is_cut_to_the_limit_not_turned_aside(kind: LawKind) -> None:
 
 def test_a_parameter_that_is_set_acts_at_once() -> None:
     law = new_law(PX4)
-    target = Target((None, None, None), (1.0, 0.0, 0.0), 0.0, direct=True)
+    target = ControlTarget((None, None, None), (1.0, 0.0, 0.0), 0.0, direct=True)
     other = new_law(PX4)
     other.configure(parameters(PX4, MPC_XY_VEL_P_ACC=4.0))
     assert law.run(motion(), target) != other.run(motion(), target)
@@ -191,10 +195,10 @@ def test_a_parameter_that_is_set_acts_at_once() -> None:
 
 def test_px4s_attitude_reference_takes_a_step_critically_damped() -> None:
     law = new_law(PX4, MPC_XY_VEL_I_ACC=0.0, MC_REF_W_N=20.0)
-    law.run(motion(), Target((None, None, None), (0.0, 0.0, 0.0), 0.0, direct=True))
+    law.run(motion(), ControlTarget((None, None, None), (0.0, 0.0, 0.0), 0.0, direct=True))
     asked_rad = -math.atan(1.8 / 9.80665)
     for step in range(1, 100):
-        law.run(motion(), Target((None, None, None), (1.0, 0.0, 0.0), 0.0, direct=True))
+        law.run(motion(), ControlTarget((None, None, None), (1.0, 0.0, 0.0), 0.0, direct=True))
         # The position part runs every second step: the setpoint jumps at the second one here.
         x = 20.0 * STEP_S * (step - 1)
         w, _, y, _ = law._state[36:40]
@@ -206,7 +210,7 @@ def test_px4s_attitude_reference_takes_a_step_critically_damped() -> None:
 def test_px4_integrates_less_by_what_thrust_did_not_produce() -> None:
     """Climbing too fast it throttles down: tilted as asked, it is pushed less than asked."""
     level, climbing = new_law(PX4), new_law(PX4)
-    target = Target((None, None, None), (1.0, 0.0, 0.0), 0.0, direct=True)
+    target = ControlTarget((None, None, None), (1.0, 0.0, 0.0), 0.0, direct=True)
     level.run(motion(), target)
     climbing.run(motion(velocity=(0.0, 0.0, -0.5)), target)
     # MPC_XY_VEL_I_ACC 0.4, MPC_XY_VEL_P_ACC 1.8, MPC_Z_VEL_P_ACC 4.0; one step of 8 ms.
@@ -219,7 +223,7 @@ def test_px4_does_not_integrate_a_turn_that_the_motors_do_not_give() -> None:
     law = new_law(PX4, MC_YAWRATE_P=1.0)
     integral = []
     for _ in range(250):
-        thrusts = law.run(motion(), Target((0.0, 0.0, 0.0), yaw_rad=2.0, direct=True))
+        thrusts = law.run(motion(), ControlTarget((0.0, 0.0, 0.0), yaw_rad=2.0, direct=True))
         integral.append(float(law._state[24]))
     assert min(thrusts) == pytest.approx(0.0, abs=1e-9)
     assert integral[-1] == integral[100] > 0.0
@@ -227,7 +231,7 @@ def test_px4_does_not_integrate_a_turn_that_the_motors_do_not_give() -> None:
 
 def test_arducopter_never_exceeds_its_acceleration_and_jerk() -> None:
     law = new_law(COPTER)
-    target = Target((8.0, 6.0, None), (0.0, 0.0, 0.0), 0.0, speed_m_s=(3.0, 1.0, 1.0))
+    target = ControlTarget((8.0, 6.0, None), (0.0, 0.0, 0.0), 0.0, speed_m_s=(3.0, 1.0, 1.0))
     states = []
     for _ in range(2500):
         law.run(motion(), target)
@@ -252,18 +256,18 @@ def test_a_slower_motor_is_tuned_to_less_authority() -> None:
     ("kind", "name", "most_deg"), [(PX4, "MPC_TILTMAX_AIR", 89.0), (COPTER, "ATC_ANGLE_MAX", 80.0)]
 )
 def test_a_tilt_of_a_right_angle_or_more_is_the_largest_there_is(
-    kind: LawKind, name: str, most_deg: float, tilt_deg: float
+    kind: ControlLawKind, name: str, most_deg: float, tilt_deg: float
 ) -> None:
     now = motion(position=(30.0, 2.0, -1.0), velocity=(1.0, -0.5, 0.2), euler=(0.2, -0.1, 0.4))
     laws = [new_law(kind, **{name: value}) for value in (tilt_deg, most_deg)]
     for _ in range(500):
-        given, most = (law.run(now, Target((0.0, 0.0, -3.0), yaw_rad=1.0)) for law in laws)
+        given, most = (law.run(now, ControlTarget((0.0, 0.0, -3.0), yaw_rad=1.0)) for law in laws)
         assert np.isfinite(given).all()
         assert given == most
 
 
 @BOTH
-def test_a_law_that_the_body_runs_gives_the_same_thrusts(kind: LawKind) -> None:
+def test_a_law_that_the_body_runs_gives_the_same_thrusts(kind: ControlLawKind) -> None:
     bodies, late = np.zeros((2, BODY_NUMBERS)), np.zeros((2, 4, 6))
     by_body, alone = (
         ControlLaw(
@@ -275,13 +279,13 @@ def test_a_law_that_the_body_runs_gives_the_same_thrusts(kind: LawKind) -> None:
         )
         for body in bodies
     )
-    target = Target((1.0, -2.0, -3.0), yaw_rad=0.5, direct=True)
+    target = ControlTarget((1.0, -2.0, -3.0), yaw_rad=0.5, direct=True)
     rng, ran = np.random.default_rng(1), 0
     for number in range(50):
         bodies[:, :15] = rng.standard_normal(15)
         outer = by_body.outer_steps(target)
         bits = kind.advance(bodies[0], late[0], number, outer)
-        read_and_estimate(bodies[1], late[1], number, NO_LAW)
+        read_and_estimate_motion(bodies[1], late[1], number, NO_LAW)
         flown = bits & FLOWN != 0
         ran += flown
         assert flown == (outer != NO_LAW and not bits & WRECKED)
@@ -292,7 +296,7 @@ def test_a_law_that_the_body_runs_gives_the_same_thrusts(kind: LawKind) -> None:
 
 
 @BOTH
-def test_a_body_that_lies_wrecked_runs_no_law(kind: LawKind) -> None:
+def test_a_body_that_lies_wrecked_runs_no_law(kind: ControlLawKind) -> None:
     body, late = np.zeros(BODY_NUMBERS), np.zeros((1, 6))
     body[6] = math.pi  # upside down on the ground
     assert kind.advance(body, late, 0, 0) & (WRECKED | FLOWN) == WRECKED

@@ -8,7 +8,7 @@ from statistics import median
 
 import numpy as np
 
-from wil_campaign.plugins.step_response.segments import Sample, Series
+from wil_campaign.plugins.step_response.segments import Series, StepSample
 
 _HERE = Path(__file__).parent
 
@@ -18,7 +18,7 @@ def load_series(autopilot: str) -> Series:
     flown: Series = {}
     with gzip.open(_HERE / f"{autopilot}.csv.gz", "rt", newline="") as file:
         for segment, *values in list(csv.reader(file))[1:]:
-            flown.setdefault(segment, []).append(Sample(*map(float, values)))
+            flown.setdefault(segment, []).append(StepSample(*map(float, values)))
     return flown
 
 
@@ -31,7 +31,7 @@ def load_flights() -> list[Series]:
     with gzip.open(_HERE / "px4-flights.csv.gz", "rt", newline="") as file:
         for flight, segment, *values in list(csv.reader(file))[1:]:
             t_s, along_m, right_m, down_m = map(float, values)
-            sample = Sample(t_s, along_m, right_m, down_m, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+            sample = StepSample(t_s, along_m, right_m, down_m, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
             flights.setdefault(flight, {}).setdefault(segment, []).append(sample)
     return list(flights.values())
 

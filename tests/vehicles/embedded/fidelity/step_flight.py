@@ -9,7 +9,7 @@ from wil_campaign.foundation.clocks.virtual_loop import run_virtual
 from wil_campaign.plugins.step_response.event_order import EventTrace, OrderRow, order_rows
 from wil_campaign.plugins.step_response.flight import StepFlight
 from wil_campaign.plugins.step_response.segments import Series
-from wil_campaign.vehicles.autopilots.autopilot import Target
+from wil_campaign.vehicles.autopilots.autopilot import MavlinkTarget
 from wil_campaign.vehicles.autopilots.registry import autopilot_named
 from wil_campaign.vehicles.driver import Driver
 from wil_campaign.vehicles.embedded.physics.config import EmbeddedConfig, Physics
@@ -39,7 +39,7 @@ def fly_steps(
             profile=load_profile(profile or PROFILES[autopilot]),
             parameters=parameters or {},
         )
-        trace = EventTrace(autopilot=autopilot_named(autopilot), target=Target(1))
+        trace = EventTrace(autopilot=autopilot_named(autopilot), target=MavlinkTarget(1))
         link = TappedLink(far)
         link.tap(trace.receive)
         driver = Driver(name=autopilot, link=link, max_clock_drift=0.02)

@@ -11,7 +11,7 @@ from tests.vehicles.embedded.fidelity.comparison import (
     scatter,
 )
 from tests.vehicles.embedded.fidelity.step_flight import fly_steps
-from wil_campaign.plugins.step_response.comparison import LIMIT, compare, load_ranges
+from wil_campaign.plugins.step_response.comparison import LIMIT, compare_figures, load_ranges
 from wil_campaign.plugins.step_response.event_order import OrderRow
 from wil_campaign.plugins.step_response.figures import figures_of
 from wil_campaign.plugins.step_response.segments import Series
@@ -42,7 +42,7 @@ def px4() -> Series:
 
 def test_every_figure_is_within_reach_of_the_firmware(flight: Flight) -> None:
     autopilot, flown, _ = flight
-    rows = compare(load_ranges(autopilot), figures_of(flown))
+    rows = compare_figures(load_ranges(autopilot), figures_of(flown))
     assert len(rows) == 22
     assert [row for row in rows if row.beyond] == []
 
@@ -81,7 +81,7 @@ def test_another_gain_is_seen() -> None:
     flown, _ = fly_steps("px4", parameters={"MPC_XY_VEL_P_ACC": 1.2})
     off = {
         (row.segment, row.name)
-        for row in compare(load_ranges("px4"), figures_of(flown))
+        for row in compare_figures(load_ranges("px4"), figures_of(flown))
         if row.beyond
     }
     assert ("speed 0.8", "t63_s") in off
@@ -92,6 +92,6 @@ def test_a_figure_beyond_the_limit_is_seen() -> None:
         "yaw 60": {"t90_s": (1.0, 1.2), "overshoot_deg": (4.0, 4.1)},
         "stop": {"d": (1.0, 1.0)},
     }
-    rows = compare(ranges, {"yaw 60": {"t90_s": 1.5, "overshoot_deg": 0.5}})
+    rows = compare_figures(ranges, {"yaw 60": {"t90_s": 1.5, "overshoot_deg": 0.5}})
     assert [row.off for row in rows[:2]] == pytest.approx([0.25, -3.5 / 5.0 * LIMIT])
     assert [row.beyond for row in rows] == [True, False, True]

@@ -14,14 +14,14 @@ from tests.vehicles.embedded.charge import set_remaining
 from wil_campaign.foundation.files.documents import BadInput
 from wil_campaign.vehicles.embedded.physics import plant as plant_module
 from wil_campaign.vehicles.embedded.physics.airframe import Airframe, aircraft_root, aircraft_xml
-from wil_campaign.vehicles.embedded.physics.battery import Battery
+from wil_campaign.vehicles.embedded.physics.battery import SimulatedBattery
 from wil_campaign.vehicles.embedded.physics.compiled_plant import CompiledPlant
-from wil_campaign.vehicles.embedded.physics.estimator import Estimator
+from wil_campaign.vehicles.embedded.physics.estimator import EmulatedEstimator
 from wil_campaign.vehicles.embedded.physics.mocap_feed import NEVER, MotionCaptureFeed
 from wil_campaign.vehicles.embedded.physics.motion_kernel import BODY_NUMBERS
 from wil_campaign.vehicles.embedded.physics.noise import GaussMarkov
 from wil_campaign.vehicles.embedded.physics.plant import JsbsimPlant, Plant, PlantError
-from wil_campaign.vehicles.embedded.physics.states import Motion, motion_of
+from wil_campaign.vehicles.embedded.physics.states import BodyMotion, motion_of_array
 from wil_campaign.vehicles.embedded.profile import (
     AirframeNumbers,
     ProfileError,
@@ -94,7 +94,7 @@ def test_equal_aircraft_share_a_folder_and_a_spoilt_one_is_mended() -> None:
     assert file.read_text(encoding="utf-8") == aircraft_xml(AIRFRAME, motor_lag_s=0.0512)
 
 
-def array_of(motion: Motion) -> F64:
+def array_of(motion: BodyMotion) -> F64:
     """Return the motion array of a motion."""
     return np.array([number for vector in motion for number in vector])
 
@@ -380,22 +380,22 @@ def test_the_estimate_is_late_and_starts_at_its_origin() -> None:
     noise = NOMINAL.estimator.model_copy(
         update={"delay_s": 0.02, "velocity_sigma_m_s": (0.0, 0.0), "position_sigma_m": (0.0, 0.0)}
     )
-    estimator = Estimator(
+    estimator = EmulatedEstimator(
         noise=noise, rate_hz=250, rng=np.random.default_rng(1), body=np.zeros(BODY_NUMBERS)
     )
     for step in range(100):
         truth = AT_REST._replace(position_ned_m=(step * 0.004, 0.0, 0.0))
-        estimate = motion_of(estimator.estimate(array_of(truth)))
+        estimate = motion_of_array(estimator.estimate(array_of(truth)))
     # Five steps late.
     assert estimate.position_ned_m[0] == pytest.approx((99 - 5) * 0.004)
-    noisy = Estimator(
+    noisy = EmulatedEstimator(
         noise=CAGE.estimator, rate_hz=250, rng=np.random.default_rng(1), body=np.zeros(BODY_NUMBERS)
     )
     assert noisy.estimate(array_of(AT_REST))[:3] == pytest.approx((0, 0, 0), abs=0.02)
 
 
 def test_the_estimate_wanders_as_the_profile_says() -> None:
-    estimator = Estimator(
+    estimator = EmulatedEstimator(
         noise=CAGE.estimator, rate_hz=250, rng=np.random.default_rng(3), body=np.zeros(BODY_NUMBERS)
     )
     truth = array_of(AT_REST)
@@ -443,7 +443,7 @@ def test_motion_capture_samples_the_first_step_not_before_each_time(rate_hz: int
 
 
 def test_the_battery_drains_sags_and_fades() -> None:
-    battery = Battery(profile=CAGE.battery, hover_thrust_n=4.9)
+    battery = SimulatedBattery(profile=CAGE.battery, hover_thrust_n=4.9)
     full = battery.charge
     assert full.remaining == 1.0
     assert battery.thrust_factor == 1.0

@@ -16,11 +16,11 @@ from wil_campaign.foundation.processes.feed_socket import feed_pair
 from wil_campaign.vehicles.embedded.process.embedded_launch import FeedClient
 from wil_campaign.vehicles.embedded.process.embedded_process import main
 from wil_campaign.vehicles.embedded.process.process_settings import ProcessSettings, Start
-from wil_campaign.vehicles.faults import Fault
+from wil_campaign.vehicles.faults import InjectedFault
 from wil_campaign.vehicles.links.link import LinkError
 from wil_campaign.vehicles.links.link_strings import parse_link
 from wil_campaign.vehicles.links.udp import UdpLink
-from wil_campaign.vehicles.mavlink.codec import Codec
+from wil_campaign.vehicles.mavlink.codec import MavlinkCodec
 from wil_campaign.vehicles.poses.truth import TruthSample
 
 
@@ -49,7 +49,7 @@ async def gone(pid: int) -> bool:
 async def test_lives_beside_us_and_ends_with_the_context() -> None:
     port = free_port()
     link = UdpLink(address=parse_link(f"udpin://127.0.0.1:{port}"))
-    codec = Codec(system_id=255, component_id=190)
+    codec = MavlinkCodec(system_id=255, component_id=190)
     heard: list[str] = []
     link.receive(lambda data, _: heard.extend(m.get_type() for m in codec.parse(data)))
     settings = ProcessSettings(
@@ -84,7 +84,7 @@ async def test_lives_beside_us_and_ends_with_the_context() -> None:
         assert process.pid is not None
         pid = process.pid
         process.feed.notify("start", 1.0)
-        process.feed.fault(Fault("mute"))
+        process.feed.fault(InjectedFault("mute"))
         for _ in range(2):  # what was sent before it was mute may come until the first time
             heard.clear()
             truths.clear()
@@ -100,7 +100,7 @@ async def test_a_kill_fault_ends_it() -> None:
     )
     async with EmbeddedProcess(settings=settings) as process:
         assert process.pid is not None
-        process.feed.fault(Fault("kill"))
+        process.feed.fault(InjectedFault("kill"))
         async with asyncio.timeout(60.0):
             while process.exit_code is None:  # noqa: ASYNC110 - another process has no event
                 await asyncio.sleep(0.02)

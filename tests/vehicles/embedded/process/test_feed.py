@@ -7,15 +7,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from wil_campaign.foundation.processes.codec import MessageError
+from wil_campaign.foundation.processes.codec import ProcessMessageError
 from wil_campaign.vehicles.embedded.process.feed import (
-    MakeFault,
-    Mocap,
+    FaultMessage,
+    MocapMessage,
     ToVehicle,
-    Truth,
-    WorldEvent,
+    TruthMessage,
+    WorldEventMessage,
     from_vehicle,
-    is_finite,
+    is_feed_message_finite,
     to_vehicle,
 )
 from wil_campaign.vehicles.poses.truth import TruthSample
@@ -41,19 +41,19 @@ READING = PoseReading(12.5, 12.6, "twin", Pose.of(1.0, -2.0, 3.0), None)
 
 @given(poses, place)
 def test_samples_and_readings_come_back(pose: Pose, velocity: tuple[float, float, float]) -> None:
-    truth = Truth(3, SAMPLE._replace(pose=pose, velocity_ned_m_s=velocity))
-    reading = Mocap(4, replace(READING, pose=pose, velocity_ned_m_s=velocity))
-    for message in (truth, reading, Truth(5, SAMPLE), Mocap(6, READING)):
+    truth = TruthMessage(3, SAMPLE._replace(pose=pose, velocity_ned_m_s=velocity))
+    reading = MocapMessage(4, replace(READING, pose=pose, velocity_ned_m_s=velocity))
+    for message in (truth, reading, TruthMessage(5, SAMPLE), MocapMessage(6, READING)):
         again = from_vehicle.decode(from_vehicle.encode(message))
         assert again == message
-        assert is_finite(again)
+        assert is_feed_message_finite(again)
 
 
 @pytest.mark.parametrize(
     "message",
     [
-        WorldEvent(1, "start", 2.5),
-        MakeFault(2, "motor 2 0.5"),
+        WorldEventMessage(1, "start", 2.5),
+        FaultMessage(2, "motor 2 0.5"),
     ],
 )
 def test_messages_to_a_vehicle_come_back_as_they_were_sent(message: ToVehicle) -> None:
@@ -63,31 +63,31 @@ def test_messages_to_a_vehicle_come_back_as_they_were_sent(message: ToVehicle) -
 @pytest.mark.parametrize(
     "message",
     [
-        Truth(1, SAMPLE._replace(t_s=math.nan)),
-        Truth(1, SAMPLE._replace(pose=Pose((math.nan, 0.0, 0.0)))),
-        Truth(1, SAMPLE._replace(thrusts_n=(1.0, math.inf, 1.0, 1.0))),
-        Mocap(1, replace(READING, pose=Pose((0.0, 0.0, 0.0), (math.nan, 0.0, 0.0, 1.0)))),
-        Mocap(1, replace(READING, velocity_ned_m_s=(0.0, math.inf, 0.0))),
+        TruthMessage(1, SAMPLE._replace(t_s=math.nan)),
+        TruthMessage(1, SAMPLE._replace(pose=Pose((math.nan, 0.0, 0.0)))),
+        TruthMessage(1, SAMPLE._replace(thrusts_n=(1.0, math.inf, 1.0, 1.0))),
+        MocapMessage(1, replace(READING, pose=Pose((0.0, 0.0, 0.0), (math.nan, 0.0, 0.0, 1.0)))),
+        MocapMessage(1, replace(READING, velocity_ned_m_s=(0.0, math.inf, 0.0))),
     ],
 )
-def test_a_value_that_is_not_finite_is_seen(message: Truth | Mocap) -> None:
-    assert not is_finite(from_vehicle.decode(from_vehicle.encode(message)))
+def test_a_value_that_is_not_finite_is_seen(message: TruthMessage | MocapMessage) -> None:
+    assert not is_feed_message_finite(from_vehicle.decode(from_vehicle.encode(message)))
 
 
 @given(st.binary(max_size=500))
 def test_garbage_is_refused_and_never_crashes(data: bytes) -> None:
     for codec in (from_vehicle, to_vehicle):
-        with pytest.raises(MessageError):
+        with pytest.raises(ProcessMessageError):
             codec.decode(data)
 
 
 @given(st.data())
 def test_damaged_datagrams_never_crash(data: st.DataObject) -> None:
-    raw = bytearray(from_vehicle.encode(Truth(3, SAMPLE)))
+    raw = bytearray(from_vehicle.encode(TruthMessage(3, SAMPLE)))
     raw[data.draw(st.integers(0, len(raw) - 1))] = data.draw(st.integers(0, 255))
     cut = data.draw(st.integers(0, len(raw)))
     for damaged in (bytes(raw), bytes(raw[:cut])):
         try:
-            is_finite(from_vehicle.decode(damaged))
-        except MessageError:
+            is_feed_message_finite(from_vehicle.decode(damaged))
+        except ProcessMessageError:
             continue

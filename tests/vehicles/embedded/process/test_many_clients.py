@@ -15,7 +15,7 @@ from wil_campaign.vehicles.embedded.process.process_settings import ProcessSetti
 from wil_campaign.vehicles.links.link import LinkError
 from wil_campaign.vehicles.links.link_strings import parse_link
 from wil_campaign.vehicles.links.udp import UdpLink
-from wil_campaign.vehicles.mavlink.codec import Codec
+from wil_campaign.vehicles.mavlink.codec import MavlinkCodec
 
 WITHIN_S = 60.0
 CLIENTS = 20
@@ -23,7 +23,7 @@ ASKED = mavlink.MAV_CMD_GET_MESSAGE_INTERVAL
 GARBAGE = random.Random(1).randbytes(3000)  # noqa: S311 - repeatable
 
 
-def question(codec: Codec, vehicle: int = 1) -> bytes:
+def question(codec: MavlinkCodec, vehicle: int = 1) -> bytes:
     return codec.pack(mavlink.MAVLink_command_long_message(vehicle, 1, ASKED, 0, 30.0, *(0.0,) * 6))
 
 
@@ -36,7 +36,7 @@ class TcpClient:
 
     def __init__(self, port: int, system_id: int = 255) -> None:
         self._port = port
-        self.codec = Codec(system_id=system_id, component_id=190)
+        self.codec = MavlinkCodec(system_id=system_id, component_id=190)
 
     async def __aenter__(self) -> Self:
         self.reader, self.writer = await asyncio.open_connection("127.0.0.1", self._port)
@@ -89,7 +89,7 @@ async def udp_client(port: int, kind: str = "udpout") -> UdpLink:
     return UdpLink(address=parse_link(f"{kind}://127.0.0.1:{port}"))
 
 
-def counted(link: UdpLink, codec: Codec) -> list[Any]:
+def counted(link: UdpLink, codec: MavlinkCodec) -> list[Any]:
     """Return the list into which a link's messages go."""
     messages: list[Any] = []
     link.receive(lambda data, _: messages.extend(codec.parse(data)))
@@ -113,7 +113,7 @@ async def test_twenty_udp_clients_at_once_end_nothing_and_the_first_are_answered
     settings = ProcessSettings(autopilot="px4", link=f"udpin://127.0.0.1:{port}", seed=1)
     async with EmbeddedProcess(settings=settings) as process:
         links = [await udp_client(port) for _ in range(CLIENTS)]
-        codecs = [Codec(system_id=100 + k, component_id=190) for k in range(CLIENTS)]
+        codecs = [MavlinkCodec(system_id=100 + k, component_id=190) for k in range(CLIENTS)]
         heard = [counted(*one) for one in zip(links, codecs, strict=True)]
         for link in links:
             await link.__aenter__()
@@ -132,7 +132,7 @@ async def test_twenty_udp_clients_at_once_end_nothing_and_the_first_are_answered
 
 async def test_two_vehicles_at_one_port_of_a_client_are_distinguished() -> None:
     port = free_port()
-    link, codec = await udp_client(port, "udpin"), Codec(system_id=255, component_id=190)
+    link, codec = await udp_client(port, "udpin"), MavlinkCodec(system_id=255, component_id=190)
     messages = counted(link, codec)
     both = [
         ProcessSettings(autopilot="px4", link=f"udpout://127.0.0.1:{port}", seed=1, system_id=k)
@@ -165,7 +165,10 @@ async def test_a_udp_client_that_dies_and_returns_is_answered_again() -> None:
     async with EmbeddedProcess(settings=settings) as process:
         for _ in range(3):
             # Meanwhile the kernel answers the vehicle's datagrams with "connection refused".
-            link, codec = await udp_client(port, "udpin"), Codec(system_id=255, component_id=190)
+            link, codec = (
+                await udp_client(port, "udpin"),
+                MavlinkCodec(system_id=255, component_id=190),
+            )
             messages = counted(link, codec)
             async with link:
                 await until(partial(is_answered, messages), partial(link.write, question(codec)))

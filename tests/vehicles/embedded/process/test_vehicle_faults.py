@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from wil_campaign.vehicles.embedded.process.vehicle_faults import VehicleFaults
-from wil_campaign.vehicles.faults import FaultError, parse_fault
+from wil_campaign.vehicles.faults import FaultTextError, parse_fault
 from wil_campaign.vehicles.poses.truth import TruthSample
 
 BOTH = pytest.mark.parametrize(
@@ -191,7 +191,7 @@ def test_a_kill_and_an_absent_signal(rig: Any, virtually: Virtually) -> None:
     async def scenario() -> None:
         async with rig(autopilot="px4") as r:
             faults, done = faults_of(r)
-            with pytest.raises(FaultError, match="this vehicle has no camera"):
+            with pytest.raises(FaultTextError, match="this vehicle has no camera"):
                 faults.inject(parse_fault("camera stop"))
             faults.inject(parse_fault("kill@1"))
             await asyncio.sleep(0.9)

@@ -19,7 +19,7 @@ from wil_campaign.vehicles.readings import (
     PoseReading,
     RangefinderReading,
 )
-from wil_campaign.vehicles.readings.checks import rest_fault
+from wil_campaign.vehicles.readings.checks import reading_rest_fault
 from wil_campaign.vehicles.sources.camera_source import SourceStalledError
 from wil_campaign.vehicles.sources.readings.frozen_readings import FrozenReadings
 from wil_campaign.vehicles.sources.readings.live_readings import LiveReadings
@@ -172,7 +172,7 @@ def test_at_rest_a_wrong_unit_or_axis_shows() -> None:
     here = at(0.0, 0.0)
 
     def fault_text(reading: Any, pose: Pose = here) -> str:
-        return rest_fault(reading, pose=pose, frame=ZURICH) or ""
+        return reading_rest_fault(reading, pose=pose, frame=ZURICH) or ""
 
     assert fault_text(imu(0.0)) == ""
     for down in (-1.0, -980.0, -32.2):
@@ -237,7 +237,7 @@ def test_depth_that_stays_while_the_vehicle_moves_or_turns_is_frozen() -> None:
 
 def test_at_rest_depth_in_millimetres_or_in_a_thousandth_shows() -> None:
     def fault(depth_m: float) -> str:
-        return rest_fault(seen(0.0, depth_m), pose=at(0.0, 0.0), frame=ZURICH) or ""
+        return reading_rest_fault(seen(0.0, depth_m), pose=at(0.0, 0.0), frame=ZURICH) or ""
 
     assert [fault(depth_m) for depth_m in (0.2, 60.0, math.inf)] == [""] * 3
     assert "above 1500 m: its unit is wrong" in fault(1500.0)

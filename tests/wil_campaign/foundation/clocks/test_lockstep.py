@@ -11,12 +11,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from wil_campaign.foundation.clocks.lockstep import LEAD_S, REPORT_S, Lockstep
-from wil_campaign.foundation.clocks.sim_clock_controller import STALL_S, STEP_S, Segment
+from wil_campaign.foundation.clocks.sim_clock_controller import STALL_S, STEP_S, ClockSegment
 
 NOMINAL = 4.0
 _TICK_S = 0.0005
 _BEGIN_S = 100.0
-_NO_WORD = Segment(0.0, 0.0, 1.0)
+_NO_WORD = ClockSegment(0.0, 0.0, 1.0)
 
 
 @dataclass
@@ -25,10 +25,10 @@ class Process:
 
     name: str
     busy: Callable[[float], bool]
-    segment: Segment = _NO_WORD
+    segment: ClockSegment = _NO_WORD
     done_s: float = _BEGIN_S
     reported_s: float = _BEGIN_S
-    heard: list[Segment] = field(default_factory=list)
+    heard: list[ClockSegment] = field(default_factory=list)
 
     def turn(self, wall_s: float) -> float | None:
         """Do what is due; return what is to be reported."""
@@ -63,7 +63,7 @@ def flown(busy: Sequence[Callable[[float], bool]], *, for_s: float = 4.0) -> Flo
     processes = [Process(str(index), one) for index, one in enumerate(busy)]
     for process in processes:
         lockstep.join(process.name)
-    lockstep.begin(Segment(0.0, _BEGIN_S, 1.0))
+    lockstep.begin(ClockSegment(0.0, _BEGIN_S, 1.0))
     for process in processes:
         process.heard.append(lockstep.segment)
     for tick in range(1, round(for_s / _TICK_S)):
@@ -130,7 +130,7 @@ def test_a_late_client_is_left_behind_by_no_other(
 def test_an_extension_leaves_the_line_as_it_is() -> None:
     lockstep = Lockstep(nominal=NOMINAL)
     lockstep.join("real")
-    lockstep.begin(Segment(50.0, 70.0, 1.0))
+    lockstep.begin(ClockSegment(50.0, 70.0, 1.0))
     first = lockstep.segment
     assert (first.wall_s, first.run_s, first.rate) == (50.0, 70.0, NOMINAL)
     assert first.end_s == pytest.approx(70.0 + LEAD_S)
@@ -149,7 +149,7 @@ def test_a_client_that_hangs_is_found_by_the_wall_and_not_awaited_until_it_repor
     lockstep = Lockstep(nominal=NOMINAL)
     for name in ("real", "orchestrator"):
         lockstep.join(name)
-    lockstep.begin(Segment(0.0, 0.0, 1.0))
+    lockstep.begin(ClockSegment(0.0, 0.0, 1.0))
     wall_s = 0.0
     while not lockstep.is_silent("orchestrator", wall_s, STALL_S):
         wall_s += STEP_S
@@ -176,7 +176,7 @@ def test_a_client_that_hangs_is_found_by_the_wall_and_not_awaited_until_it_repor
 def test_a_machine_that_was_asleep_has_stalled_nobody() -> None:
     lockstep = Lockstep(nominal=NOMINAL)
     lockstep.join("real")
-    lockstep.begin(Segment(0.0, 0.0, 1.0))
+    lockstep.begin(ClockSegment(0.0, 0.0, 1.0))
     for step in range(10):
         lockstep.step()
         assert not lockstep.is_silent("real", 3600.0 + step * STEP_S, STALL_S)
@@ -186,7 +186,7 @@ def test_a_client_that_has_ended_is_not_waited_for() -> None:
     lockstep = Lockstep(nominal=NOMINAL)
     for name in ("guard", "real"):
         lockstep.join(name)
-    lockstep.begin(Segment(0.0, 0.0, 1.0))
+    lockstep.begin(ClockSegment(0.0, 0.0, 1.0))
     lockstep.report("guard", LEAD_S)
     assert not lockstep.extend(0.1)
     lockstep.leave("real")

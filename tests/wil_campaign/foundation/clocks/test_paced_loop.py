@@ -7,8 +7,8 @@ import time
 import pytest
 
 from wil_campaign.foundation.clocks.paced_loop import PacedLoop, call_wall_later
-from wil_campaign.foundation.clocks.progress import ProgressReporter
-from wil_campaign.foundation.clocks.sim_clock_controller import Segment
+from wil_campaign.foundation.clocks.progress import ClockProgressReporter
+from wil_campaign.foundation.clocks.sim_clock_controller import ClockSegment
 from wil_campaign.foundation.clocks.virtual_loop import run_virtual
 
 
@@ -63,10 +63,10 @@ def test_a_loop_goes_on_by_the_next_piece_of_the_clock_and_never_back() -> None:
         loop = asyncio.get_running_loop()
         assert isinstance(loop, PacedLoop)
         times_s = [loop.time()]
-        loop.follow(Segment(time.monotonic(), loop.time(), 50.0))
+        loop.follow(ClockSegment(time.monotonic(), loop.time(), 50.0))
         await asyncio.sleep(5.0)
         times_s.append(loop.time())
-        loop.follow(Segment(time.monotonic(), loop.time() - 1.0, 50.0))
+        loop.follow(ClockSegment(time.monotonic(), loop.time() - 1.0, 50.0))
         times_s.append(loop.time())
         await asyncio.sleep(1.0)
         times_s.append(loop.time())
@@ -84,7 +84,7 @@ def test_the_walls_timers_come_while_the_clock_stands() -> None:
     async def waited() -> float:
         loop = asyncio.get_running_loop()
         assert isinstance(loop, PacedLoop)
-        loop.follow(Segment(time.monotonic(), loop.time(), 0.0))
+        loop.follow(ClockSegment(time.monotonic(), loop.time(), 0.0))
         began_s, rung = loop.time(), asyncio.Event()
         loop.call_later(0.001, rung.set)
         never = loop.call_wall_later(0.05, lambda: pytest.fail("was cancelled"))
@@ -104,10 +104,10 @@ def test_a_timer_beyond_the_end_of_a_piece_waits_idle_for_the_next() -> None:
         loop = asyncio.get_running_loop()
         assert isinstance(loop, PacedLoop)
         began_s, rung = loop.time(), asyncio.Event()
-        loop.follow(Segment(time.monotonic(), began_s, 10.0, holds_s=0.05))
+        loop.follow(ClockSegment(time.monotonic(), began_s, 10.0, holds_s=0.05))
         loop.call_at(began_s + 0.501, rung.set)
         loop.call_wall_later(
-            0.4, lambda: loop.follow(Segment(time.monotonic(), began_s + 0.5, 10.0))
+            0.4, lambda: loop.follow(ClockSegment(time.monotonic(), began_s + 0.5, 10.0))
         )
         cpu_s = time.process_time()
         await rung.wait()
@@ -126,7 +126,7 @@ def test_a_loop_reports_how_far_it_has_come_and_a_thread_s_job_holds_it_back() -
         loop = asyncio.get_running_loop()
         assert isinstance(loop, PacedLoop)
         reports: list[float] = []
-        progress = ProgressReporter(loop=loop, report=reports.append)
+        progress = ClockProgressReporter(loop=loop, report=reports.append)
         while len(reports) <= 3:  # noqa: ASYNC110 - its turns are what is reported
             await asyncio.sleep(0.1)
         before = list(reports)
@@ -154,9 +154,9 @@ def test_a_loop_that_is_ahead_of_the_first_piece_reports_how_far_it_is() -> None
         loop = asyncio.get_running_loop()
         assert isinstance(loop, PacedLoop)
         reports: list[float] = []
-        loop.follow(Segment(time.monotonic(), loop.time() - 1.0, 4.0, holds_s=0.01))
+        loop.follow(ClockSegment(time.monotonic(), loop.time() - 1.0, 4.0, holds_s=0.01))
         stands_s = loop.time()
-        progress = ProgressReporter(loop=loop, report=reports.append)
+        progress = ClockProgressReporter(loop=loop, report=reports.append)
         rung = asyncio.Event()
         loop.call_wall_later(0.2, rung.set)
         await rung.wait()
@@ -200,7 +200,7 @@ def test_a_loop_reports_after_its_timers_ran_and_its_sockets_were_read() -> None
             if len(seen) > 20:
                 has_seen_enough.set()
 
-        progress = ProgressReporter(loop=loop, report=report)
+        progress = ClockProgressReporter(loop=loop, report=report)
         async with asyncio.timeout(1000.0):  # without a processor for long it reports nothing
             await has_seen_enough.wait()
         progress.stop()
@@ -230,7 +230,7 @@ def test_a_loop_that_is_flooded_reports_all_the_same() -> None:
             if len(reports) > 3:
                 has_seen_enough.set()
 
-        progress = ProgressReporter(loop=loop, report=report)
+        progress = ClockProgressReporter(loop=loop, report=report)
         async with asyncio.timeout(600.0):
             await has_seen_enough.wait()
         progress.stop()

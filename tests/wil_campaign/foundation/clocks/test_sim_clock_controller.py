@@ -16,7 +16,7 @@ from wil_campaign.foundation.clocks.sim_clock_controller import (
     STEP_S,
     BootTrack,
     ClockDivergence,
-    Segment,
+    ClockSegment,
     SimClockController,
 )
 
@@ -51,7 +51,7 @@ def flown(
 ) -> Flown:
     rng = np.random.default_rng(seed)
     steering = SimClockController(nominal=nominal)
-    steering.begin(Segment(0.0, 100.0, 1.0))
+    steering.begin(ClockSegment(0.0, 100.0, 1.0))
     out = Flown([], [], [], [], steering)
     boot_s, stamp_s, under_way = 0.0, 0.0, list[tuple[float, float]]()
     for tick in range(1, round(for_s / _TICK_S) + 1):
@@ -134,7 +134,7 @@ def test_a_simulator_that_hangs_is_reported_and_time_goes_on() -> None:
 
 def test_a_machine_that_was_asleep_has_stalled_nobody() -> None:
     steering = SimClockController(nominal=4.0)
-    steering.begin(Segment(0.0, 0.0, 1.0))
+    steering.begin(ClockSegment(0.0, 0.0, 1.0))
     for step in range(40):
         steering.track.received(step * STEP_S, step * STEP_S)
         steering.step(step * STEP_S)
@@ -145,7 +145,7 @@ def test_a_machine_that_was_asleep_has_stalled_nobody() -> None:
 
 def test_a_reboot_begins_the_vehicle_s_time_anew_and_not_ours() -> None:
     steering = SimClockController(nominal=2.0)
-    steering.begin(Segment(0.0, 50.0, 1.0))
+    steering.begin(ClockSegment(0.0, 50.0, 1.0))
     run_s = []
     for step in range(200):
         wall_s = step * STEP_S
@@ -192,5 +192,5 @@ def test_a_hiccup_is_let_go() -> None:
 
 
 def test_a_piece_ends_where_it_holds_no_longer() -> None:
-    piece = Segment(10.0, 100.0, 4.0, holds_s=0.5)
+    piece = ClockSegment(10.0, 100.0, 4.0, holds_s=0.5)
     assert [piece.at(wall_s) for wall_s in (9.0, 10.25, 11.0, 50.0)] == [100.0, 101.0, 102.0, 102.0]

@@ -19,16 +19,16 @@ from wil_campaign.foundation.files.documents import (
     Document,
     KeyFaultError,
     Part,
-    check,
-    load,
-    parse,
-    parse_value,
+    check_document,
+    load_document,
+    parse_document,
+    parse_option_value,
 )
-from wil_campaign.foundation.files.yaml_nodes import MAX_DEPTH, Node, Source
+from wil_campaign.foundation.files.yaml_nodes import MAX_DEPTH, YamlNode, YamlSource
 
 
 def doc(text: str) -> Document:
-    return parse(text.encode(), name="x.yaml")
+    return parse_document(text.encode(), name="x.yaml")
 
 
 def faults(text: str) -> list[str]:
@@ -78,7 +78,7 @@ class Top(Part):
 
 def problems(text: str) -> list[str]:
     with pytest.raises(BadInput) as caught:
-        check(doc(text), Top)
+        check_document(doc(text), Top)
     return [problem.headline for problem in caught.value.problems]
 
 
@@ -204,12 +204,12 @@ def test_aliases_do_not_get_round_the_depth() -> None:
 )
 def test_a_file_that_is_no_text_is_reported(content: bytes, said: str) -> None:
     with pytest.raises(BadInput) as caught:
-        parse(content, name="x.yaml")
+        parse_document(content, name="x.yaml")
     assert [p.headline for p in caught.value.problems] == [said]
 
 
 def test_a_byte_order_mark_is_no_matter() -> None:
-    assert parse(b"\xef\xbb\xbfa: 1", name="x.yaml").data == {"a": 1}
+    assert parse_document(b"\xef\xbb\xbfa: 1", name="x.yaml").data == {"a": 1}
 
 
 def test_files_that_cannot_be_read_are_reported(tmp_path: Path) -> None:
@@ -224,14 +224,14 @@ def test_files_that_cannot_be_read_are_reported(tmp_path: Path) -> None:
         (Path("/dev/zero"), "is not a file"),
     ]:
         with pytest.raises(BadInput, match=said):
-            load(path)
+            load_document(path)
 
 
 def test_a_file_may_be_called_by_another_name(tmp_path: Path) -> None:
     path = tmp_path / "a.yaml"
     path.write_text("a: [")
     with pytest.raises(BadInput) as caught:
-        load(path, name="../worlds/a.yaml")
+        load_document(path, name="../worlds/a.yaml")
     assert str(caught.value).startswith("../worlds/a.yaml:1:5: not YAML")
 
 
@@ -337,7 +337,7 @@ extra: 1
 
 
 def test_numbers_that_are_not_text_and_text_that_is_no_number() -> None:
-    vehicle = check(doc("vehicle: {link: embedded, speed_m_s: 1}"), Top).vehicle
+    vehicle = check_document(doc("vehicle: {link: embedded, speed_m_s: 1}"), Top).vehicle
     assert vehicle.speed_m_s == 1.0
     assert isinstance(vehicle.speed_m_s, float)
     assert problems("vehicle: {link: embedded, speed_m_s: 1e999}") == [
@@ -348,7 +348,7 @@ def test_numbers_that_are_not_text_and_text_that_is_no_number() -> None:
 def test_check_reaches_into_a_document() -> None:
     document = doc("outer: {vehicle: {link: embedded, speed_m_s: x}}")
     with pytest.raises(BadInput, match=r"x\.yaml:1:46: must be a number"):
-        check(document, Top, ("outer",))
+        check_document(document, Top, ("outer",))
 
 
 def test_no_word_of_pydantic_reaches_people() -> None:
@@ -359,7 +359,7 @@ def test_no_word_of_pydantic_reaches_people() -> None:
 
 
 def overridden(text: str, key: str, value: str) -> Document:
-    return doc(text).override(key, parse_value(value, name=f"--set {key}={value}"))
+    return doc(text).override(key, parse_option_value(value, name=f"--set {key}={value}"))
 
 
 def test_an_override_replaces_the_whole_value() -> None:
@@ -393,11 +393,11 @@ def test_an_override_that_leads_nowhere_is_reported(key: str, said: str) -> None
 
 
 def test_a_fault_of_an_overridden_value_stands_where_the_override_does() -> None:
-    cases = parse(b"cases:\n  fast: {vehicle.speed_m_s: quick}\n", name="campaign.yaml")
+    cases = parse_document(b"cases:\n  fast: {vehicle.speed_m_s: quick}\n", name="campaign.yaml")
     entry = cases.entry(("cases", "fast", "vehicle.speed_m_s"))
     document = doc("vehicle: {link: embedded, speed_m_s: 1}").override("vehicle.speed_m_s", entry)
     with pytest.raises(BadInput) as caught:
-        check(document, Top)
+        check_document(document, Top)
     assert caught.value.problems[0].headline.startswith("campaign.yaml:2:29: must be a number")
 
 
@@ -410,7 +410,7 @@ def test_documents_go_to_worker_processes() -> None:
 
 def outcome(content: bytes) -> Document | BadInput:
     try:
-        return parse(content, name="fuzz.yaml")
+        return parse_document(content, name="fuzz.yaml")
     except BadInput as error:
         return error
 
@@ -455,9 +455,9 @@ def test_text_that_looks_like_yaml_loads_or_is_bad_input(text: str) -> None:
 def test_libyaml_reads_values_and_places_as_pyyaml_does(text: str) -> None:
     assert yaml_nodes._C_LOADER is not None
 
-    def read(parser: Callable[[str, Source], Node | None]) -> Node | str | None:
+    def read(parser: Callable[[str, YamlSource], YamlNode | None]) -> YamlNode | str | None:
         try:
-            return parser(text, Source("x.yaml", tuple(text.splitlines())))
+            return parser(text, YamlSource("x.yaml", tuple(text.splitlines())))
         except BadInput as error:
             return str(error)
 
@@ -489,7 +489,7 @@ def test_any_value_is_checked_or_is_bad_input(value: object) -> None:
     if isinstance(found, BadInput):
         return
     with contextlib.suppress(BadInput):
-        assert isinstance(check(found, Top), Top)
+        assert isinstance(check_document(found, Top), Top)
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,11 @@ from pathlib import Path
 import pytest
 
 from wil_campaign.foundation.files.references import BadReferenceError, load_reference
-from wil_campaign.foundation.files.user_modules import forget_user_modules, own_file, user_files
+from wil_campaign.foundation.files.user_modules import (
+    forget_user_modules,
+    user_file_path,
+    user_files,
+)
 
 
 @pytest.fixture(autouse=True)
@@ -272,8 +276,8 @@ def test_an_installed_package_is_no_file_of_the_user(tmp_path: Path) -> None:
     folder = write(tmp_path, mine="import json, numpy, wil_campaign.api\nSEEN = 1")
     seen(folder)
     assert set(user_files(folder)) == {folder / "mine.py"}
-    assert own_file("<string>") is None
-    assert own_file(str(importlib.import_module("numpy").__file__)) is None
+    assert user_file_path("<string>") is None
+    assert user_file_path(str(importlib.import_module("numpy").__file__)) is None
 
 
 def test_a_file_that_changes_within_a_second_is_run_as_it_is(tmp_path: Path) -> None:

@@ -5,7 +5,7 @@ import time
 
 from wil_campaign.foundation.clocks.lockstep import LEAD_S
 from wil_campaign.foundation.clocks.paced_loop import PacedLoop
-from wil_campaign.foundation.clocks.sim_clock_controller import Segment
+from wil_campaign.foundation.clocks.sim_clock_controller import ClockSegment
 from wil_campaign.foundation.processes.clock_socket import (
     ClockSockets,
     InheritedClock,
@@ -38,9 +38,9 @@ async def followed() -> tuple[list[float], float, float, list[str]]:
     clock = InheritedClock.of(loop, clock_environment(theirs))
     assert clock is not None
     theirs.detach()  # the clock has it, as a child would
-    loop.follow(Segment(time.monotonic(), loop.time(), 0.0))  # however late the piece is read
+    loop.follow(ClockSegment(time.monotonic(), loop.time(), 0.0))  # however late the piece is read
     begun_s = loop.time()
-    sockets.send(Segment(time.monotonic(), begun_s, 4.0, LEAD_S / 4.0))
+    sockets.send(ClockSegment(time.monotonic(), begun_s, 4.0, LEAD_S / 4.0))
     await until(there)
     rung = asyncio.Event()
     loop.call_wall_later(0.1, rung.set)
@@ -71,7 +71,7 @@ def test_a_leader_learns_of_a_child_s_end() -> None:
         sockets.open("real").close()
         async with asyncio.timeout(20.0):
             await gone.wait()
-        sockets.send(Segment(0.0, 0.0, 1.0))
+        sockets.send(ClockSegment(0.0, 0.0, 1.0))
         sockets.close()
         return left
 

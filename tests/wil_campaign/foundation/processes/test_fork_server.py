@@ -16,7 +16,7 @@ import pytest
 
 from wil_campaign.foundation.processes import child as child_module
 from wil_campaign.foundation.processes import fork_server
-from wil_campaign.foundation.processes.child import ChildProcess, how_it_ended
+from wil_campaign.foundation.processes.child import ChildProcess, exit_status_text
 from wil_campaign.foundation.processes.feed_socket import feed_environment, feed_pair
 from wil_campaign.foundation.processes.fork_server import UNKNOWN_EXIT, ForkServer
 from wil_campaign.vehicles.embedded.emulations import load_kernels
@@ -32,11 +32,11 @@ PROGRAM = (sys.executable, "-P", "-m", "no_such_program")
 """What the server forks; started by itself it ends with exit code 1."""
 SERVER = """
 import socket, sys
-from wil_campaign.foundation.processes.fork_server import serve
+from wil_campaign.foundation.processes.fork_server import serve_forks
 def run(arguments):
     exec(arguments[0])
     return int(arguments[1])
-sys.exit(serve(socket.socket(fileno=int(sys.argv[1])), run, words=4))
+sys.exit(serve_forks(socket.socket(fileno=int(sys.argv[1])), run, words=4))
 """
 PATIENT_S = 120.0
 
@@ -159,7 +159,7 @@ async def test_its_command_line_is_the_programs() -> None:
             *(*PROGRAM, "import time; time.sleep(60)", "0")
         ]
         await process.end()
-    assert how_it_ended(process.exit_code) == "was ended by SIGTERM"
+    assert exit_status_text(process.exit_code) == "was ended by SIGTERM"
 
 
 @pytest.mark.usefixtures("patient")

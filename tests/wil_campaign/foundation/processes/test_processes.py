@@ -16,8 +16,8 @@ import pytest
 
 from wil_campaign.foundation.clocks.virtual_loop import run_virtual
 from wil_campaign.foundation.processes import linux
-from wil_campaign.foundation.processes.child import ChildProcess, how_it_ended, run_briefly
-from wil_campaign.foundation.processes.identity import ProcessId, group_lives
+from wil_campaign.foundation.processes.child import ChildProcess, exit_status_text, run_briefly
+from wil_campaign.foundation.processes.identity import ProcessId, process_group_lives
 
 LEAVES_A_CHILD = (
     "import os, sys, time\n"
@@ -69,12 +69,12 @@ async def test_an_end_is_seen_while_a_grandchild_holds_stderr_open() -> None:
         await ended.wait()
     assert process.exit_code == 3
     assert process.stderr_tail == "no gate in sight"
-    assert how_it_ended(process.exit_code) == "ended with exit code 3"
+    assert exit_status_text(process.exit_code) == "ended with exit code 3"
     pid = process.pid
     assert pid is not None
-    assert group_lives(pid)
+    assert process_group_lives(pid)
     await process.end()
-    assert not group_lives(pid)
+    assert not process_group_lives(pid)
 
 
 async def test_a_process_that_ignores_sigterm_is_killed(tmp_path: Path) -> None:
@@ -91,7 +91,7 @@ async def test_a_process_that_ignores_sigterm_is_killed(tmp_path: Path) -> None:
         while not ready.exists():  # noqa: ASYNC110 - another process has no event
             await asyncio.sleep(0.02)
     await process.end()
-    assert how_it_ended(process.exit_code) == "was ended by SIGKILL"
+    assert exit_status_text(process.exit_code) == "was ended by SIGKILL"
 
 
 async def test_a_released_process_goes_on() -> None:
@@ -135,7 +135,7 @@ def test_a_process_rises_as_far_as_it_may(granted: str, monkeypatch: pytest.Monk
 
     monkeypatch.setattr(os, "sched_setscheduler", schedule)
     monkeypatch.setattr(os, "setpriority", nice)
-    assert linux.rise_above_load() == granted
+    assert linux.raise_process_priority() == granted
     assert all(policy & os.SCHED_RESET_ON_FORK for policy in policies)
 
 
@@ -143,8 +143,8 @@ def test_a_child_of_a_risen_process_is_scheduled_normally() -> None:
     show = "import os; print(os.sched_getscheduler(0) & 7, os.nice(0))"
     program = (
         "import os, subprocess, sys\n"
-        "from wil_campaign.foundation.processes.linux import rise_above_load\n"
-        "print(rise_above_load(), os.sched_getscheduler(0) & 7, os.nice(0), flush=True)\n"
+        "from wil_campaign.foundation.processes.linux import raise_process_priority\n"
+        "print(raise_process_priority(), os.sched_getscheduler(0) & 7, os.nice(0), flush=True)\n"
         f"subprocess.run([sys.executable, '-c', {show!r}])"
     )
     done = subprocess.run(  # noqa: S603 - our own program
@@ -175,7 +175,7 @@ def test_a_process_that_may_lock_only_some_memory_locks_none(
         return 0
 
     monkeypatch.setattr(ctypes, "CDLL", lambda *_, **__: SimpleNamespace(mlockall=lock))
-    assert linux.stay_in_memory() == may
+    assert linux.lock_process_memory() == may
     assert asked == ([7] if may else [])
 
 
@@ -189,7 +189,7 @@ async def test_a_brief_command_ends_when_its_wait_is_cancelled(tmp_path: Path) -
     task.cancel()
     with pytest.raises(asyncio.CancelledError):
         await task
-    assert not group_lives(int(written.read_text()))
+    assert not process_group_lives(int(written.read_text()))
 
 
 @pytest.mark.parametrize(

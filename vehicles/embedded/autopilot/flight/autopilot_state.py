@@ -3,9 +3,9 @@
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from wil_campaign.vehicles.embedded.control.target import Target
-from wil_campaign.vehicles.embedded.physics.battery import Charge
-from wil_campaign.vehicles.embedded.physics.states import Motion, motion_of
+from wil_campaign.vehicles.embedded.control.target import ControlTarget
+from wil_campaign.vehicles.embedded.physics.battery import BatteryCharge
+from wil_campaign.vehicles.embedded.physics.states import BodyMotion, motion_of_array
 from wil_campaign.vehicles.poses.truth import STOPPED, Thrusts
 from wil_campaign.worlds.frames import Vec3
 from wil_campaign.worlds.geodesy import LocalFrame
@@ -13,7 +13,7 @@ from wil_campaign.worlds.jit import F64
 
 
 @dataclass(frozen=True, slots=True)
-class Identity:
+class EmulatedIdentity:
     """The emulated autopilot's identity: system id, board ids, estimator origin.
 
     uid2 has at most 18 bytes; None of either means the autopilot's own SITL constant.
@@ -26,14 +26,14 @@ class Identity:
 
 
 @dataclass(slots=True)
-class State:
+class AutopilotState:
     """The emulated autopilot's state: clock, estimate, battery, home; updated every step."""
 
     frame: LocalFrame
-    charge: Charge
+    charge: BatteryCharge
     estimate: F64
     """The estimate's motion array (see motion_kernel): the same one at each step."""
-    simulator: Callable[[], Motion]
+    simulator: Callable[[], BodyMotion]
     """Returns the motion in the autopilot's simulator."""
     clock_s: float = 0.0
     clock_offset_s: float = 0.0
@@ -42,26 +42,26 @@ class State:
     """The time of day minus `boot_us`; None while unknown."""
     gps_unix_offset_us: int | None = None
     """The same by GPS, once its receiver has the time; None for a receiver without time."""
-    known: Motion | None = None
+    known: BodyMotion | None = None
     """The cached `now`; None from each step until it is read."""
     touching: bool = True
     home_ned_m: Vec3 | None = None
-    target: Target | None = None
+    target: ControlTarget | None = None
     thrusts: Thrusts = STOPPED
     max_thrust_n: float = 1.0
     mission_seq: int = 0
     mission_total: int = 0
 
     @property
-    def now(self) -> Motion:
+    def now(self) -> BodyMotion:
         """Return the present estimate."""
         known = self.known
         if known is None:
-            known = self.known = motion_of(self.estimate)
+            known = self.known = motion_of_array(self.estimate)
         return known
 
     @property
-    def truth(self) -> Motion:
+    def truth(self) -> BodyMotion:
         """Return the motion in the simulator, for reports only."""
         return self.simulator()
 

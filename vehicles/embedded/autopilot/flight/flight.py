@@ -3,13 +3,13 @@
 import math
 from dataclasses import dataclass
 
-from wil_campaign.vehicles.embedded.autopilot.flight.autopilot_state import State
-from wil_campaign.vehicles.embedded.autopilot.flight.guidance import Behaviour
-from wil_campaign.vehicles.embedded.control.law import ControlLaw, Gains, LawKind
-from wil_campaign.vehicles.embedded.control.target import Target
+from wil_campaign.vehicles.embedded.autopilot.flight.autopilot_state import AutopilotState
+from wil_campaign.vehicles.embedded.autopilot.flight.guidance import GuidanceBehaviour
+from wil_campaign.vehicles.embedded.control.law import ControlLaw, ControlLawKind, LawGains
+from wil_campaign.vehicles.embedded.control.target import ControlTarget
 from wil_campaign.vehicles.embedded.physics.airframe import Airframe
 from wil_campaign.vehicles.embedded.physics.motion_kernel import NO_LAW
-from wil_campaign.vehicles.embedded.physics.states import Motion
+from wil_campaign.vehicles.embedded.physics.states import BodyMotion
 from wil_campaign.vehicles.poses.truth import STOPPED, Thrusts
 from wil_campaign.worlds.jit import F64
 
@@ -27,7 +27,7 @@ class FlightStyle:
     ground until landing is detected.
     """
 
-    law: LawKind
+    law: ControlLawKind
     spool_s: float
     lift_s: float
     noticed_s: float
@@ -43,7 +43,7 @@ class Flight:
         style: FlightStyle,
         airframe: Airframe,
         dt_s: float,
-        parameters: Gains,
+        parameters: LawGains,
         law_array: F64 | None = None,
     ) -> None:
         self._style = style
@@ -52,7 +52,7 @@ class Flight:
         self.law = ControlLaw(
             kind=style.law, airframe=airframe, dt_s=dt_s, parameters=parameters, array=law_array
         )
-        self.behaviour: Behaviour | None = None
+        self.behaviour: GuidanceBehaviour | None = None
         self.armed = False
         self.landed = True
         self.takeoff_detected = False
@@ -61,7 +61,7 @@ class Flight:
         self.landed_at_s: float | None = None
         """Time of the last landing since arming; None before it."""
         self.motors_cut = False
-        self.target: Target | None = None
+        self.target: ControlTarget | None = None
         """The controller's target; None on the ground."""
         self._lift_began_s: float | None = None
         self._touch_began_s: float | None = None
@@ -85,7 +85,7 @@ class Flight:
         self.takeoff_detected = False
         self._commanded = STOPPED
 
-    def fly(self, behaviour: Behaviour) -> None:
+    def fly(self, behaviour: GuidanceBehaviour) -> None:
         """Fly a behaviour from now on."""
         self.behaviour = behaviour
 
@@ -99,7 +99,7 @@ class Flight:
             return NO_LAW
         return self.law.outer_steps(behaviour.steady)
 
-    def step(self, state: State, *, flown: bool) -> Thrusts:
+    def step(self, state: AutopilotState, *, flown: bool) -> Thrusts:
         """Return the thrusts of this flight step, by the state's estimate and clock.
 
         flown: the step of the body has run the law already, as `outer_steps` said.
@@ -124,7 +124,7 @@ class Flight:
         self._commanded = thrusts
         return thrusts
 
-    def _on_ground(self, behaviour: Behaviour, now: Motion, t_s: float) -> Thrusts:
+    def _on_ground(self, behaviour: GuidanceBehaviour, now: BodyMotion, t_s: float) -> Thrusts:
         """Idle on the ground; raise thrust to liftoff once a behaviour lifts."""
         style = self._style
         share = _IDLE_SHARE
@@ -142,14 +142,14 @@ class Flight:
         thrust_n = share * self._hover_n
         return (thrust_n, thrust_n, thrust_n, thrust_n)
 
-    def _leave_ground(self, now: Motion) -> None:
+    def _leave_ground(self, now: BodyMotion) -> None:
         self.landed = False
         self.takeoff_detected = True
         self._lift_began_s = None
         self._touch_began_s = None
         self.law.reset(yaw_rad=now.euler_rad[2])
 
-    def _detect_landing(self, behaviour: Behaviour, t_s: float, *, touching: bool) -> None:
+    def _detect_landing(self, behaviour: GuidanceBehaviour, t_s: float, *, touching: bool) -> None:
         if not (touching and behaviour.descends):
             self._touch_began_s = None
         elif self._touch_began_s is None:
@@ -171,7 +171,7 @@ class TiltWatch:
         self._for_s = for_s
         self._since_s: float | None = None
 
-    def tumbling(self, now: Motion, t_s: float) -> bool:
+    def tumbling(self, now: BodyMotion, t_s: float) -> bool:
         """Return whether the vehicle tumbles, with this attitude as the next sample."""
         roll, pitch, _ = now.euler_rad
         if math.cos(roll) * math.cos(pitch) >= self._cosine:

@@ -6,12 +6,12 @@ from collections.abc import Callable
 from itertools import pairwise
 from typing import NamedTuple
 
-from wil_campaign.vehicles.embedded.control.target import Target
-from wil_campaign.vehicles.embedded.physics.states import Motion
+from wil_campaign.vehicles.embedded.control.target import ControlTarget
+from wil_campaign.vehicles.embedded.physics.states import BodyMotion
 from wil_campaign.worlds.frames import Vec3
 
 
-class Wanted(NamedTuple):
+class WantedMotion(NamedTuple):
     """A received setpoint in the local frame; None for axes without one."""
 
     position_ned_m: tuple[float | None, float | None, float | None]
@@ -21,7 +21,7 @@ class Wanted(NamedTuple):
     has_velocity: bool
 
 
-class Speeds(NamedTuple):
+class GuidanceSpeeds(NamedTuple):
     """Guidance speed limits in m/s: across, up, down."""
 
     across: float
@@ -29,16 +29,16 @@ class Speeds(NamedTuple):
     down: float
 
 
-def speed_limits(across: float, up: float, down: float) -> Speeds:
+def speed_limits(across: float, up: float, down: float) -> GuidanceSpeeds:
     """Return guidance speed limits from parameters, at least zero."""
-    return Speeds(max(0.0, across), max(0.0, up), max(0.0, down))
+    return GuidanceSpeeds(max(0.0, across), max(0.0, up), max(0.0, down))
 
 
 Limit = Callable[[Vec3, float, float], Vec3]
 """Maps velocity, heading and time to the allowed velocity."""
 
 
-class Behaviour(ABC):
+class GuidanceBehaviour(ABC):
     """A guidance behaviour: one way to fly. `done`: it has reached its end."""
 
     def __init__(self) -> None:
@@ -55,41 +55,41 @@ class Behaviour(ABC):
         return False
 
     @property
-    def steady(self) -> Target | None:
+    def steady(self) -> ControlTarget | None:
         """Return the target that `update` returns until the behaviour is changed; None if any."""
         return None
 
     @abstractmethod
-    def update(self, now: Motion, t_s: float) -> Target:
+    def update(self, now: BodyMotion, t_s: float) -> ControlTarget:
         """Return the behaviour's present guidance target."""
 
-    def change_speeds(self, speeds: Speeds) -> None:  # noqa: B027 - most have their own speeds
+    def change_speeds(self, speeds: GuidanceSpeeds) -> None:  # noqa: B027 - most have their own speeds
         """Change the behaviour's speeds, if it flies at the automatic ones."""
 
     def face(self, yaw_rad: float) -> None:  # noqa: B027 - some have their own heading
         """Turn to a heading, if the behaviour leaves that to the user."""
 
 
-class Hold(Behaviour):
+class HoldBehaviour(GuidanceBehaviour):
     """The guidance behaviour of a hold: brake, then stay there, or at a given position."""
 
     _SLOW_M_S = 0.15
 
     def __init__(
-        self, *, speeds: Speeds, yaw_rad: float, position_ned_m: Vec3 | None = None
+        self, *, speeds: GuidanceSpeeds, yaw_rad: float, position_ned_m: Vec3 | None = None
     ) -> None:
         super().__init__()
-        self._target = Target((None, None, None), yaw_rad=yaw_rad, speed_m_s=speeds)
+        self._target = ControlTarget((None, None, None), yaw_rad=yaw_rad, speed_m_s=speeds)
         self._place = position_ned_m
         if position_ned_m is not None:
             self._target = self._target._replace(position_ned_m=position_ned_m)
 
     @property
-    def steady(self) -> Target | None:
+    def steady(self) -> ControlTarget | None:
         """Return the target of a hold that has its place."""
         return self._target if self.done else None
 
-    def update(self, now: Motion, t_s: float) -> Target:  # noqa: ARG002 - the base's signature
+    def update(self, now: BodyMotion, t_s: float) -> ControlTarget:  # noqa: ARG002 - the base's signature
         """Return zero velocity while fast, then the hold's position."""
         if self._place is None and _speed(now) <= self._SLOW_M_S:
             self._place = now.position_ned_m
@@ -102,29 +102,29 @@ class Hold(Behaviour):
         self._target = self._target._replace(yaw_rad=yaw_rad)
 
 
-class GoTo(Behaviour):
+class GoToBehaviour(GuidanceBehaviour):
     """The guidance behaviour that flies to a place and stays there."""
 
     def __init__(
-        self, *, position_ned_m: Vec3, yaw_rad: float, speeds: Speeds, radius_m: float
+        self, *, position_ned_m: Vec3, yaw_rad: float, speeds: GuidanceSpeeds, radius_m: float
     ) -> None:
         super().__init__()
         self.position_ned_m = position_ned_m
-        self._target = Target(position_ned_m, yaw_rad=yaw_rad, speed_m_s=speeds)
+        self._target = ControlTarget(position_ned_m, yaw_rad=yaw_rad, speed_m_s=speeds)
         self._radius_m = radius_m
 
     @property
-    def steady(self) -> Target | None:
+    def steady(self) -> ControlTarget | None:
         """Return the place once it is reached."""
         return self._target if self.done else None
 
-    def update(self, now: Motion, t_s: float) -> Target:  # noqa: ARG002 - the base's signature
+    def update(self, now: BodyMotion, t_s: float) -> ControlTarget:  # noqa: ARG002 - the base's signature
         """Return the place to go to; done within the radius."""
         if math.dist(now.position_ned_m, self.position_ned_m) < self._radius_m:
             self.done = True
         return self._target
 
-    def change_speeds(self, speeds: Speeds) -> None:
+    def change_speeds(self, speeds: GuidanceSpeeds) -> None:
         """Change the speeds on the way to the place."""
         self._target = self._target._replace(speed_m_s=speeds)
 
@@ -133,7 +133,7 @@ class GoTo(Behaviour):
         self._target = self._target._replace(yaw_rad=yaw_rad)
 
 
-class Follow(Behaviour):
+class FollowBehaviour(GuidanceBehaviour):
     """The guidance behaviour that follows setpoints; without fresh ones it stands still.
 
     limit: limits velocities for obstacle avoidance; None for none.
@@ -142,7 +142,7 @@ class Follow(Behaviour):
     def __init__(
         self,
         *,
-        speeds: Speeds,
+        speeds: GuidanceSpeeds,
         yaw_rad: float,
         may_lift: bool,
         limit: Limit | None = None,
@@ -153,7 +153,9 @@ class Follow(Behaviour):
         self._limit = limit
         self._speeds = speeds
         self._may_lift = may_lift
-        self._still = Target((None, None, None), yaw_rad=yaw_rad, speed_m_s=speeds, direct=direct)
+        self._still = ControlTarget(
+            (None, None, None), yaw_rad=yaw_rad, speed_m_s=speeds, direct=direct
+        )
         self._target = self._still
         self._lifts = self._descends = False
 
@@ -167,12 +169,12 @@ class Follow(Behaviour):
         """Return whether the followed setpoint is downwards."""
         return self._descends
 
-    def set(self, wanted: Wanted, *, keep_yaw_rad: float) -> None:
+    def set(self, wanted: WantedMotion, *, keep_yaw_rad: float) -> None:
         """Set the followed setpoint; axes of None fly by velocity, no heading keeps this one."""
         yaw_rad = wanted.yaw_rad
         if yaw_rad is None and wanted.yaw_rate_rad_s == 0.0:
             yaw_rad = keep_yaw_rad
-        self._target = Target(
+        self._target = ControlTarget(
             wanted.position_ned_m,
             wanted.velocity_ned_m_s,
             yaw_rad,
@@ -184,7 +186,7 @@ class Follow(Behaviour):
         self._lifts = self._may_lift and (climb < -0.1 or (down or 0.0) < -0.3)
         self._descends = climb > 0.1 or (down is not None and down > 0.0)
 
-    def change_speeds(self, speeds: Speeds) -> None:
+    def change_speeds(self, speeds: GuidanceSpeeds) -> None:
         """Change the speeds of followed setpoints, the present one included."""
         self._speeds = speeds
         self._still = self._still._replace(speed_m_s=speeds)
@@ -194,19 +196,19 @@ class Follow(Behaviour):
         """Turn to a heading while following the setpoint."""
         self._target = self._target._replace(yaw_rad=yaw_rad, yaw_rate_rad_s=0.0)
 
-    def stand(self, now: Motion) -> None:
+    def stand(self, now: BodyMotion) -> None:
         """Drop the followed setpoint: zero velocity, present heading."""
         self._target = self._still._replace(yaw_rad=now.euler_rad[2])
         self._lifts = self._descends = False
 
     @property
-    def steady(self) -> Target | None:
+    def steady(self) -> ControlTarget | None:
         """Return the followed setpoint where no velocity of it is limited."""
         target = self._target
         limited = self._limit is not None and target.position_ned_m[0] is None
         return None if limited else target
 
-    def update(self, now: Motion, t_s: float) -> Target:
+    def update(self, now: BodyMotion, t_s: float) -> ControlTarget:
         """Return the followed setpoint as guidance target."""
         target = self._target
         if self._limit is None or target.position_ned_m[0] is not None:
@@ -215,11 +217,17 @@ class Follow(Behaviour):
         return target._replace(velocity_ned_m_s=limited)
 
 
-class TakeOff(Behaviour):
+class TakeOffBehaviour(GuidanceBehaviour):
     """The guidance behaviour of a takeoff: a ramped climb. Done within `radius_m`."""
 
     def __init__(
-        self, *, down_m: float, climb_m_s: float, ramp_s: float, radius_m: float, speeds: Speeds
+        self,
+        *,
+        down_m: float,
+        climb_m_s: float,
+        ramp_s: float,
+        radius_m: float,
+        speeds: GuidanceSpeeds,
     ) -> None:
         super().__init__()
         self.down_m = down_m
@@ -229,7 +237,7 @@ class TakeOff(Behaviour):
         self._speeds = speeds
         self._began_s: float | None = None
         self._place = (0.0, 0.0)
-        self._target: Target | None = None
+        self._target: ControlTarget | None = None
         self._share = 0.0
         """Of the climb's speed, on the ramp."""
         self.yaw_rad = 0.0
@@ -245,11 +253,11 @@ class TakeOff(Behaviour):
         return (*self._place, self.down_m)
 
     @property
-    def steady(self) -> Target | None:
+    def steady(self) -> ControlTarget | None:
         """Return the takeoff's target once it is reached, and the ramp is over."""
         return self._target if self.done and self._share == 1.0 else None
 
-    def update(self, now: Motion, t_s: float) -> Target:
+    def update(self, now: BodyMotion, t_s: float) -> ControlTarget:
         """Return the takeoff's target above its start, at the ramp's speed."""
         if self._began_s is None:
             self._began_s = t_s
@@ -263,7 +271,9 @@ class TakeOff(Behaviour):
         target = self._target
         if target is None or share != self._share:
             speeds = self._speeds._replace(up=self._climb_m_s * share)
-            target = Target((*self._place, self.down_m), yaw_rad=self.yaw_rad, speed_m_s=speeds)
+            target = ControlTarget(
+                (*self._place, self.down_m), yaw_rad=self.yaw_rad, speed_m_s=speeds
+            )
             self._target, self._share = target, share
         return target
 
@@ -285,10 +295,12 @@ class LandProfile(NamedTuple):
         return steps[-1][1]
 
 
-class Land(Behaviour):
+class LandBehaviour(GuidanceBehaviour):
     """The guidance behaviour of a landing: brake, then descend until touchdown."""
 
-    def __init__(self, *, profile: LandProfile, speeds: Speeds, ground_down_m: float) -> None:
+    def __init__(
+        self, *, profile: LandProfile, speeds: GuidanceSpeeds, ground_down_m: float
+    ) -> None:
         super().__init__()
         self._profile = profile
         self._speeds = speeds
@@ -305,7 +317,7 @@ class Land(Behaviour):
         """Land at this position, not where the vehicle comes to rest."""
         self._place = (north_m, east_m)
 
-    def update(self, now: Motion, t_s: float) -> Target:  # noqa: ARG002 - the base's signature
+    def update(self, now: BodyMotion, t_s: float) -> ControlTarget:  # noqa: ARG002 - the base's signature
         """Return the landing's target at the profile's speed."""
         if self._yaw_rad is None:
             self._yaw_rad = now.euler_rad[2]
@@ -316,7 +328,7 @@ class Land(Behaviour):
         if self._place is not None:
             north, east = self._place
         speed = self._profile.speed(self._ground_down_m - now.position_ned_m[2])
-        return Target(
+        return ControlTarget(
             (north, east, None),
             (0.0, 0.0, speed),
             self._yaw_rad,
@@ -324,7 +336,7 @@ class Land(Behaviour):
         )
 
 
-class ReturnHome(Behaviour):
+class ReturnHomeBehaviour(GuidanceBehaviour):
     """The guidance behaviour of a return: climb, fly home, wait, and land there.
 
     end_down_m: the height, down, at which it stays above home instead; None: it lands.
@@ -335,9 +347,9 @@ class ReturnHome(Behaviour):
         *,
         home_ned_m: Vec3,
         return_down_m: float,
-        speeds: Speeds,
+        speeds: GuidanceSpeeds,
         wait_s: float,
-        land: Land,
+        land: LandBehaviour,
         end_down_m: float | None = None,
     ) -> None:
         super().__init__()
@@ -357,7 +369,7 @@ class ReturnHome(Behaviour):
         """Return whether the return is in its landing stage."""
         return self.landing
 
-    def update(self, now: Motion, t_s: float) -> Target:
+    def update(self, now: BodyMotion, t_s: float) -> ControlTarget:
         """Return the return's target in its stage: climb, cross, wait, land or stay."""
         if self.landing:
             return self._land.update(now, t_s)
@@ -367,7 +379,7 @@ class ReturnHome(Behaviour):
         start_north, start_east, yaw = self._start
         if not self._climbed:
             self._climbed = down - self._down_m < 0.5
-            return Target(
+            return ControlTarget(
                 (start_north, start_east, self._down_m), yaw_rad=yaw, speed_m_s=self._speeds
             )
         home_north, home_east, _ = self._home
@@ -376,7 +388,9 @@ class ReturnHome(Behaviour):
                 self._over_home_s = t_s
             if t_s - self._over_home_s >= self._wait_s:
                 self._end(home_north, home_east)
-        return Target((home_north, home_east, self._down_m), yaw_rad=yaw, speed_m_s=self._speeds)
+        return ControlTarget(
+            (home_north, home_east, self._down_m), yaw_rad=yaw, speed_m_s=self._speeds
+        )
 
     def _end(self, north_m: float, east_m: float) -> None:
         """Begin the landing at home, or fly to the height of the end."""
@@ -387,6 +401,6 @@ class ReturnHome(Behaviour):
         self._land.aim(north_m, east_m)
 
 
-def _speed(now: Motion) -> float:
+def _speed(now: BodyMotion) -> float:
     north, east, down = now.velocity_ned_m_s
     return math.sqrt(north * north + east * east + down * down)

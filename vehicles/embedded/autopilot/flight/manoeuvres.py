@@ -3,18 +3,18 @@
 import math
 from abc import ABC, abstractmethod
 
-from wil_campaign.vehicles.embedded.autopilot.flight.autopilot_state import State
+from wil_campaign.vehicles.embedded.autopilot.flight.autopilot_state import AutopilotState
 from wil_campaign.vehicles.embedded.autopilot.flight.guidance import (
-    Behaviour,
-    GoTo,
-    Hold,
-    Land,
+    GoToBehaviour,
+    GuidanceBehaviour,
+    GuidanceSpeeds,
+    HoldBehaviour,
+    LandBehaviour,
     LandProfile,
-    ReturnHome,
-    Speeds,
-    TakeOff,
+    ReturnHomeBehaviour,
+    TakeOffBehaviour,
 )
-from wil_campaign.vehicles.embedded.autopilot.flight.parameter_table import Parameters
+from wil_campaign.vehicles.embedded.autopilot.flight.parameter_table import ParameterTable
 from wil_campaign.vehicles.embedded.autopilot.flight.places import FASTEST_M_S
 from wil_campaign.worlds.frames import Vec3
 
@@ -26,16 +26,16 @@ _RESET_SPEED = -2.0
 class Manoeuvres(ABC):
     """Builds the behaviours of manoeuvres; each firmware uses its own parameters."""
 
-    def __init__(self, parameters: Parameters, state: State) -> None:
+    def __init__(self, parameters: ParameterTable, state: AutopilotState) -> None:
         self._p = parameters
         self._state = state
         self._changed: dict[str, float] = {}
 
     @abstractmethod
-    def default_speeds(self) -> Speeds:
+    def default_speeds(self) -> GuidanceSpeeds:
         """Return the speed limits of automatic manoeuvres by parameters."""
 
-    def speeds(self) -> Speeds:
+    def speeds(self) -> GuidanceSpeeds:
         """Return the speed limits of automatic manoeuvres, DO_CHANGE_SPEED included."""
         speeds = self.default_speeds()
         return speeds._replace(**self._changed) if self._changed else speeds
@@ -59,7 +59,7 @@ class Manoeuvres(ABC):
         self._changed.clear()
 
     @abstractmethod
-    def return_speeds(self) -> Speeds:
+    def return_speeds(self) -> GuidanceSpeeds:
         """Return the speed limits of the return manoeuvre."""
 
     @abstractmethod
@@ -79,39 +79,39 @@ class Manoeuvres(ABC):
         """Return the descent speeds of the landing manoeuvre."""
 
     @abstractmethod
-    def take_off(self, down_m: float) -> TakeOff:
+    def take_off(self, down_m: float) -> TakeOffBehaviour:
         """Return the takeoff manoeuvre to a local height."""
 
     @abstractmethod
-    def waypoint(self, position_ned_m: Vec3) -> GoTo:
+    def waypoint(self, position_ned_m: Vec3) -> GoToBehaviour:
         """Return the manoeuvre to a place of a mission."""
 
-    def stay_at(self, position_ned_m: Vec3) -> GoTo:
+    def stay_at(self, position_ned_m: Vec3) -> GoToBehaviour:
         """Return the manoeuvre to a place, and to stay there."""
-        return GoTo(
+        return GoToBehaviour(
             position_ned_m=position_ned_m,
             yaw_rad=self._state.now.euler_rad[2],
             speeds=self.speeds(),
             radius_m=0.0,
         )
 
-    def hold(self) -> Hold:
+    def hold(self) -> HoldBehaviour:
         """Return the manoeuvre to brake and stay."""
-        return Hold(speeds=self.speeds(), yaw_rad=self._state.now.euler_rad[2])
+        return HoldBehaviour(speeds=self.speeds(), yaw_rad=self._state.now.euler_rad[2])
 
-    def land(self) -> Land:
+    def land(self) -> LandBehaviour:
         """Return the manoeuvre to land here."""
-        return Land(
+        return LandBehaviour(
             profile=self.land_profile(),
             speeds=self.speeds(),
             ground_down_m=self._state.home_down_m,
         )
 
-    def go_home(self) -> Behaviour:
+    def go_home(self) -> GuidanceBehaviour:
         """Return the manoeuvre of the return: the flight home, the wait, the landing or stay."""
         home = self._state.home_ned_m or (0.0, 0.0, 0.0)
         end_m = self.return_end_m()
-        return ReturnHome(
+        return ReturnHomeBehaviour(
             home_ned_m=home,
             return_down_m=home[2] - self.return_height_m(),
             speeds=self.return_speeds(),

@@ -5,22 +5,22 @@ from typing import NamedTuple, Protocol
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from wil_campaign.vehicles.embedded.autopilot.flight.autopilot_state import State
+from wil_campaign.vehicles.embedded.autopilot.flight.autopilot_state import AutopilotState
 from wil_campaign.vehicles.embedded.autopilot.flight.guidance import (
-    Behaviour,
-    GoTo,
-    Land,
-    ReturnHome,
-    Speeds,
+    GoToBehaviour,
+    GuidanceBehaviour,
+    GuidanceSpeeds,
+    LandBehaviour,
+    ReturnHomeBehaviour,
 )
 from wil_campaign.vehicles.embedded.autopilot.flight.manoeuvres import Manoeuvres
-from wil_campaign.vehicles.embedded.autopilot.flight.mission_items import Item
-from wil_campaign.vehicles.embedded.autopilot.flight.places import whole
+from wil_campaign.vehicles.embedded.autopilot.flight.mission_items import EmulatedMissionItem
+from wil_campaign.vehicles.embedded.autopilot.flight.places import int32_of_float
 from wil_campaign.vehicles.embedded.autopilot.flight.setpoint_targets import (
     RELATIVE_ALTITUDE_FRAMES,
 )
-from wil_campaign.vehicles.embedded.control.target import Target
-from wil_campaign.vehicles.embedded.physics.states import Motion
+from wil_campaign.vehicles.embedded.control.target import ControlTarget
+from wil_campaign.vehicles.embedded.physics.states import BodyMotion
 from wil_campaign.worlds.frames import Vec3
 
 _TO_PLACES = {
@@ -77,19 +77,19 @@ class MissionMakers(NamedTuple):
     """How a firmware flies mission items. lift: the climb before an item on the ground, or None."""
 
     manoeuvres: Manoeuvres
-    go_home: Callable[[], Behaviour]
-    lift: Callable[[float], Behaviour | None]
+    go_home: Callable[[], GuidanceBehaviour]
+    lift: Callable[[float], GuidanceBehaviour | None]
 
 
-class FlyMission(Behaviour):
+class FlyMission(GuidanceBehaviour):
     """The behaviour that flies mission items in order from `first` on; then it stays."""
 
     def __init__(
         self,
         *,
-        items: tuple[Item, ...],
+        items: tuple[EmulatedMissionItem, ...],
         first: int,
-        state: State,
+        state: AutopilotState,
         makers: MissionMakers,
         events: MissionEvents,
     ) -> None:
@@ -101,8 +101,8 @@ class FlyMission(Behaviour):
         self._jumps: dict[int, int] = {}
         self._seq = first
         self._arrived_s: float | None = None
-        self._current: Behaviour = makers.manoeuvres.hold()
-        self._after_lift: Behaviour | None = None
+        self._current: GuidanceBehaviour = makers.manoeuvres.hold()
+        self._after_lift: GuidanceBehaviour | None = None
         self._advance_to(first)
 
     @property
@@ -120,7 +120,7 @@ class FlyMission(Behaviour):
         """Return whether the present mission item lands."""
         return self._current.descends
 
-    def update(self, now: Motion, t_s: float) -> Target:
+    def update(self, now: BodyMotion, t_s: float) -> ControlTarget:
         """Return the present mission item's target; begin the next item when it is done."""
         target = self._current.update(now, t_s)
         if not self._current.done or self.done:
@@ -130,13 +130,13 @@ class FlyMission(Behaviour):
             return target
         if self._arrived_s is None:
             self._arrived_s = t_s
-        if t_s - self._arrived_s >= stay_s(self._items[self._seq]):
+        if t_s - self._arrived_s >= mission_stay_s(self._items[self._seq]):
             self._reach()
         return target
 
     def receive_landing(self) -> None:
         """Continue the mission after the landing of the present item."""
-        if not self.done and isinstance(self._current, Land | ReturnHome):
+        if not self.done and isinstance(self._current, LandBehaviour | ReturnHomeBehaviour):
             self._reach()
 
     def jump_to(self, seq: int) -> None:
@@ -144,7 +144,7 @@ class FlyMission(Behaviour):
         self.done = False
         self._advance_to(seq)
 
-    def change_speeds(self, speeds: Speeds) -> None:
+    def change_speeds(self, speeds: GuidanceSpeeds) -> None:
         """Fly the present mission item at other speeds."""
         self._current.change_speeds(speeds)
 
@@ -155,7 +155,7 @@ class FlyMission(Behaviour):
     @property
     def is_under_way(self) -> bool:
         """Return whether the mission flies to a position that is not reached yet."""
-        return not self.done and isinstance(self._current, GoTo) and not self._current.done
+        return not self.done and isinstance(self._current, GoToBehaviour) and not self._current.done
 
     def _reach(self) -> None:
         self._events.reach_item(self._seq)
@@ -180,7 +180,7 @@ class FlyMission(Behaviour):
         item = self._items[seq]
         self._current, self._after_lift = self._behaviour(item), None
         if item.command in _TO_PLACES:
-            lift = self._makers.lift(place_of(item, self._state)[2])
+            lift = self._makers.lift(mission_item_position(item, self._state)[2])
             if lift is not None:
                 self._current, self._after_lift = lift, self._current
 
@@ -188,7 +188,7 @@ class FlyMission(Behaviour):
         """Execute a mission item that is not flown; return the index of the next one."""
         item = self._items[seq]
         if item.command == mavlink.MAV_CMD_DO_JUMP:
-            target, times = whole(item.params[0]), whole(item.params[1])
+            target, times = int32_of_float(item.params[0]), int32_of_float(item.params[1])
             done = self._jumps.get(seq, 0)
             if 0 <= target < len(self._items) and (times < 0 or done < times):
                 self._jumps[seq] = done + 1
@@ -201,7 +201,7 @@ class FlyMission(Behaviour):
             self._events.look_at(x * 1e-7, y * 1e-7)
         return seq + 1
 
-    def _behaviour(self, item: Item) -> Behaviour:
+    def _behaviour(self, item: EmulatedMissionItem) -> GuidanceBehaviour:
         manoeuvres = self._makers.manoeuvres
         if item.command == mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH:
             return self._makers.go_home()
@@ -209,7 +209,7 @@ class FlyMission(Behaviour):
             return manoeuvres.land()
         if item.command == mavlink.MAV_CMD_NAV_DELAY:
             return manoeuvres.hold()
-        north, east, down = place_of(item, self._state)
+        north, east, down = mission_item_position(item, self._state)
         if item.command == mavlink.MAV_CMD_NAV_TAKEOFF:
             return manoeuvres.take_off(down)
         if item.command == mavlink.MAV_CMD_NAV_LOITER_UNLIM:
@@ -217,13 +217,13 @@ class FlyMission(Behaviour):
         return manoeuvres.waypoint((north, east, down))
 
 
-def starts_with_takeoff(items: tuple[Item, ...]) -> bool:
+def starts_with_takeoff(items: tuple[EmulatedMissionItem, ...]) -> bool:
     """Return whether the mission's first flown item is a takeoff."""
     flown = (item.command for item in items if item.command in FLOWN)
     return bool(next(flown, None) == mavlink.MAV_CMD_NAV_TAKEOFF)
 
 
-def place_of(item: Item, state: State) -> Vec3:
+def mission_item_position(item: EmulatedMissionItem, state: AutopilotState) -> Vec3:
     """Return a mission item's position; latitude and longitude of zero mean the present ones."""
     altitude_m = item.z
     if item.frame in RELATIVE_ALTITUDE_FRAMES:
@@ -234,7 +234,7 @@ def place_of(item: Item, state: State) -> Vec3:
     return (north, east, down)
 
 
-def stay_s(item: Item) -> float:
+def mission_stay_s(item: EmulatedMissionItem) -> float:
     """Return how long to stay at a mission item, by its first parameter."""
     stay = item.params[0] * _STAYS.get(item.command, 0.0)
     return max(0.0, stay)

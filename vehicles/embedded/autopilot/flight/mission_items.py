@@ -32,7 +32,7 @@ PLACED = frozenset(
 """Commands whose x, y and z are latitude, longitude and altitude."""
 
 
-class Item(NamedTuple):
+class EmulatedMissionItem(NamedTuple):
     """A mission item; x and y as transmitted (1e-7 degrees or 1e-4 m), z in metres."""
 
     frame: int
@@ -55,7 +55,7 @@ class ItemRules(NamedTuple):
     nan_is_unset: bool
 
 
-def item_of(message: Any) -> Item | int:
+def mission_item_of(message: Any) -> EmulatedMissionItem | int:
     """Return the mission item of a MISSION_ITEM or MISSION_ITEM_INT, or a MAV_MISSION_RESULT.
 
     The degrees of a MISSION_ITEM are floats and may be NaN: then the item is invalid.
@@ -67,7 +67,7 @@ def item_of(message: Any) -> Item | int:
         if not abs(y) <= 180.0:
             return int(mavlink.MAV_MISSION_INVALID_PARAM6_Y)
         x, y = round(x * 1e7), round(y * 1e7)
-    return Item(
+    return EmulatedMissionItem(
         message.frame,
         message.command,
         (message.param1, message.param2, message.param3, message.param4),
@@ -78,7 +78,7 @@ def item_of(message: Any) -> Item | int:
     )
 
 
-def item_fault(kind: int, item: Item, rules: ItemRules) -> int:
+def mission_item_fault(kind: int, item: EmulatedMissionItem, rules: ItemRules) -> int:
     """Return the MAV_MISSION_RESULT of a firmware for a mission item of a list."""
     if item.command not in rules.commands[kind]:
         return int(mavlink.MAV_MISSION_UNSUPPORTED)
@@ -89,7 +89,7 @@ def item_fault(kind: int, item: Item, rules: ItemRules) -> int:
     return _place_fault(item, rules) if item.command in PLACED else ACCEPTED
 
 
-def _place_fault(item: Item, rules: ItemRules) -> int:
+def _place_fault(item: EmulatedMissionItem, rules: ItemRules) -> int:
     if item.frame not in rules.frames:
         return int(mavlink.MAV_MISSION_UNSUPPORTED_FRAME)
     if not is_on_globe(item.x * 1e-7, 0.0):

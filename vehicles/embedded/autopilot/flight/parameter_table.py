@@ -28,7 +28,7 @@ _BITS = {
 _REAL32: int = mavlink.MAV_PARAM_TYPE_REAL32
 
 
-class Parameter(NamedTuple):
+class TableParameter(NamedTuple):
     """A parameter in the table: its MAV_PARAM_TYPE, and its value as a number."""
 
     name: str
@@ -36,7 +36,7 @@ class Parameter(NamedTuple):
     value: float
 
 
-class Parameters:
+class ParameterTable:
     """The emulated autopilot's parameter table, in the order of names.
 
     bytewise: PX4's convention, where an integer's bits travel in the float field; otherwise
@@ -46,7 +46,7 @@ class Parameters:
 
     def __init__(
         self,
-        table: tuple[Parameter, ...],
+        table: tuple[TableParameter, ...],
         *,
         bytewise: bool,
         unused: Mapping[str, float | None] = MappingProxyType({}),
@@ -119,14 +119,16 @@ class Parameters:
         return float(struct.unpack(_BYTEWISE_FORMATS[kind], struct.pack("<f", value))[0])
 
 
-def load_parameters(file: Path, *, bytewise: bool, overrides: Mapping[str, float]) -> Parameters:
+def load_parameters(
+    file: Path, *, bytewise: bool, overrides: Mapping[str, float]
+) -> ParameterTable:
     """Return the parameter table of a YAML file (`NAME: [kind, value]`), some replaced.
 
     Raises ValueError for an override that the table does not have.
     """
     rows = parameter_rows(file)
-    table = tuple(Parameter(name, _KINDS[kind], value) for name, (kind, value) in rows.items())
-    parameters = Parameters(table, bytewise=bytewise, unused=unused_rows(file))
+    table = tuple(TableParameter(name, _KINDS[kind], value) for name, (kind, value) in rows.items())
+    parameters = ParameterTable(table, bytewise=bytewise, unused=unused_rows(file))
     unknown = [name for name in overrides if name not in parameters]
     if unknown:
         raise ValueError(f"the autopilot has no parameter {', '.join(sorted(unknown))}")

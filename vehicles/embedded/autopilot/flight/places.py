@@ -19,14 +19,14 @@ def is_altitude(altitude_m: float) -> bool:
     return abs(altitude_m) <= HIGHEST_M
 
 
-def bounded(value: float, most: float) -> float:
+def bounded_value(value: float, most: float) -> float:
     """Return a finite value of a place within bounds. Raises ValueError if not finite."""
     if not math.isfinite(value):
         raise ValueError(f"{value} is not finite")
     return max(-most, min(most, value))
 
 
-def whole(value: float) -> int:
+def int32_of_float(value: float) -> int:
     """Return a float field of a place as int32: cut and bounded, 0 where it is NaN."""
     if math.isnan(value):
         return 0

@@ -5,9 +5,13 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from wil_campaign.vehicles.embedded.autopilot.flight.guidance import Wanted
-from wil_campaign.vehicles.embedded.autopilot.flight.places import FARTHEST_M, FASTEST_M_S, bounded
-from wil_campaign.vehicles.embedded.physics.states import Motion
+from wil_campaign.vehicles.embedded.autopilot.flight.guidance import WantedMotion
+from wil_campaign.vehicles.embedded.autopilot.flight.places import (
+    FARTHEST_M,
+    FASTEST_M_S,
+    bounded_value,
+)
+from wil_campaign.vehicles.embedded.physics.states import BodyMotion
 from wil_campaign.worlds.frames import Vec3, add, quat_from_euler, rotate
 from wil_campaign.worlds.geodesy import LocalFrame
 
@@ -19,7 +23,7 @@ _BODY_FRAMES = {mavlink.MAV_FRAME_BODY_NED, mavlink.MAV_FRAME_BODY_OFFSET_NED}
 _OFFSET_FRAMES = {*_BODY_FRAMES, mavlink.MAV_FRAME_LOCAL_OFFSET_NED}
 
 
-def local_setpoint(message: Any, now: Motion) -> Wanted | None:
+def local_setpoint(message: Any, now: BodyMotion) -> WantedMotion | None:
     """Return the target in a SET_POSITION_TARGET_LOCAL_NED; None when it has none.
 
     Offsets count from the present position; body frames turn with the heading alone (ArduPilot's
@@ -37,7 +41,7 @@ def local_setpoint(message: Any, now: Motion) -> Wanted | None:
     return _wanted_motion(message, position, velocity, yaw)
 
 
-def global_setpoint(message: Any, frame: LocalFrame, home_down_m: float) -> Wanted | None:
+def global_setpoint(message: Any, frame: LocalFrame, home_down_m: float) -> WantedMotion | None:
     """Return the target in a SET_POSITION_TARGET_GLOBAL_INT; None when it has none."""
     altitude_m = message.alt
     if message.coordinate_frame in RELATIVE_ALTITUDE_FRAMES:
@@ -54,19 +58,21 @@ RELATIVE_ALTITUDE_FRAMES = {
 }
 
 
-def _wanted_motion(message: Any, position: Vec3, velocity: Vec3, yaw_rad: float) -> Wanted | None:
+def _wanted_motion(
+    message: Any, position: Vec3, velocity: Vec3, yaw_rad: float
+) -> WantedMotion | None:
     """Return the target of a setpoint by its type mask; None when it has none."""
     mask = message.type_mask
     axes = [
         None
         if mask >> i & 1 or not math.isfinite(position[i])
-        else bounded(position[i], FARTHEST_M)
+        else bounded_value(position[i], FARTHEST_M)
         for i in range(3)
     ]
     speeds = [
         0.0
         if mask >> (3 + i) & 1 or not math.isfinite(velocity[i])
-        else bounded(velocity[i], FASTEST_M_S)
+        else bounded_value(velocity[i], FASTEST_M_S)
         for i in range(3)
     ]
     has_position = any(axis is not None for axis in axes)
@@ -75,10 +81,10 @@ def _wanted_motion(message: Any, position: Vec3, velocity: Vec3, yaw_rad: float)
     has_rate = not mask & _YAW_RATE_BIT and math.isfinite(message.yaw_rate)
     if not (has_position or has_velocity):
         return None
-    return Wanted(
+    return WantedMotion(
         (axes[0], axes[1], axes[2]),
         (speeds[0], speeds[1], speeds[2]),
         yaw_rad if has_yaw else None,
-        bounded(message.yaw_rate, FASTEST_M_S) if has_rate and not has_yaw else 0.0,
+        bounded_value(message.yaw_rate, FASTEST_M_S) if has_rate and not has_yaw else 0.0,
         has_velocity,
     )

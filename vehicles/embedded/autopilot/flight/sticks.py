@@ -5,9 +5,13 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from wil_campaign.vehicles.embedded.autopilot.flight.guidance import Behaviour, Hold, Speeds
-from wil_campaign.vehicles.embedded.control.target import Target
-from wil_campaign.vehicles.embedded.physics.states import Motion
+from wil_campaign.vehicles.embedded.autopilot.flight.guidance import (
+    GuidanceBehaviour,
+    GuidanceSpeeds,
+    HoldBehaviour,
+)
+from wil_campaign.vehicles.embedded.control.target import ControlTarget
+from wil_campaign.vehicles.embedded.physics.states import BodyMotion
 
 _CENTRED = 0.05
 """A stick nearer to its centre than this counts as centred."""
@@ -34,7 +38,7 @@ class Sticks:
 class StickLimits(NamedTuple):
     """The demand of fully deflected sticks: m/s across, up and down, rad/s of turn."""
 
-    speeds: Speeds
+    speeds: GuidanceSpeeds
     turn_rad_s: float
 
 
@@ -64,7 +68,7 @@ def sticks_of_pulses(
     return Sticks(-back, right, up, turn, at_s)
 
 
-class FlyBySticks(Behaviour):
+class FlyBySticks(GuidanceBehaviour):
     """The behaviour that flies the sticks' velocity in the heading's frame; centred: hold."""
 
     def __init__(
@@ -73,7 +77,7 @@ class FlyBySticks(Behaviour):
         super().__init__()
         self._sticks = sticks
         self._limits = limits
-        self._hold = Hold(speeds=limits.speeds, yaw_rad=yaw_rad)
+        self._hold = HoldBehaviour(speeds=limits.speeds, yaw_rad=yaw_rad)
 
     @property
     def lifts(self) -> bool:
@@ -87,17 +91,17 @@ class FlyBySticks(Behaviour):
         sticks = self._sticks()
         return sticks is not None and sticks.up < -_CENTRED
 
-    def update(self, now: Motion, t_s: float) -> Target:
+    def update(self, now: BodyMotion, t_s: float) -> ControlTarget:
         """Return the sticks' velocity, or the position to hold."""
         sticks = self._sticks()
         if sticks is None or sticks.centred:
             return self._hold.update(now, t_s)
         speeds, yaw_rad = self._limits.speeds, now.euler_rad[2]
-        self._hold = Hold(speeds=speeds, yaw_rad=yaw_rad)
+        self._hold = HoldBehaviour(speeds=speeds, yaw_rad=yaw_rad)
         cos, sin = math.cos(yaw_rad), math.sin(yaw_rad)
         forward, right = sticks.forward * speeds.across, sticks.right * speeds.across
         down = -sticks.up * (speeds.up if sticks.up > 0.0 else speeds.down)
-        return Target(
+        return ControlTarget(
             (None, None, None),
             (forward * cos - right * sin, forward * sin + right * cos, down),
             None,

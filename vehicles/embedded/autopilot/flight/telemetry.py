@@ -6,34 +6,38 @@ from typing import Any, NamedTuple
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from wil_campaign.vehicles.embedded.autopilot.flight.autopilot_state import State
-from wil_campaign.vehicles.embedded.autopilot.flight.places import FARTHEST_M, HIGHEST_M, bounded
+from wil_campaign.vehicles.embedded.autopilot.flight.autopilot_state import AutopilotState
+from wil_campaign.vehicles.embedded.autopilot.flight.places import (
+    FARTHEST_M,
+    HIGHEST_M,
+    bounded_value,
+)
 from wil_campaign.worlds.frames import Vec3, quat_conjugate, quat_from_euler, rotate
 
-Builder = Callable[[State], Any]
+Builder = Callable[[AutopilotState], Any]
 NO_QUATERNION = (math.nan, math.nan, math.nan, math.nan)
 _UNKNOWN_VOLTAGE = 65535
 
 
-def attitude(s: State) -> Any:
+def attitude(s: AutopilotState) -> Any:
     """Return the telemetry message ATTITUDE."""
     return mavlink.MAVLink_attitude_message(s.boot_ms, *s.now.euler_rad, *s.now.rates_rad_s)
 
 
-def attitude_quaternion(s: State) -> Any:
+def attitude_quaternion(s: AutopilotState) -> Any:
     """Return the telemetry message ATTITUDE_QUATERNION."""
     q = quat_from_euler(*s.now.euler_rad)
     return mavlink.MAVLink_attitude_quaternion_message(s.boot_ms, *q, *s.now.rates_rad_s)
 
 
-def local_position_ned(s: State) -> Any:
+def local_position_ned(s: AutopilotState) -> Any:
     """Return the telemetry message LOCAL_POSITION_NED, from the estimator's origin."""
     return mavlink.MAVLink_local_position_ned_message(
         s.boot_ms, *s.now.position_ned_m, *s.now.velocity_ned_m_s
     )
 
 
-def global_position_int(s: State) -> Any:
+def global_position_int(s: AutopilotState) -> Any:
     """Return the telemetry message GLOBAL_POSITION_INT."""
     here = s.frame.to_geodetic(s.now.position_ned_m)
     north, east, down = s.now.velocity_ned_m_s
@@ -50,7 +54,7 @@ def global_position_int(s: State) -> Any:
     )
 
 
-def home_position(s: State) -> Any | None:
+def home_position(s: AutopilotState) -> Any | None:
     """Return the telemetry message HOME_POSITION; None before home is known."""
     if s.home_ned_m is None:
         return None
@@ -68,7 +72,7 @@ def home_position(s: State) -> Any | None:
     )
 
 
-def gps_global_origin(s: State) -> Any:
+def gps_global_origin(s: AutopilotState) -> Any:
     """Return the telemetry message GPS_GLOBAL_ORIGIN."""
     origin = s.frame
     return mavlink.MAVLink_gps_global_origin_message(
@@ -79,7 +83,7 @@ def gps_global_origin(s: State) -> Any:
     )
 
 
-def system_time(s: State) -> Any:
+def system_time(s: AutopilotState) -> Any:
     """Return the telemetry message SYSTEM_TIME; time of day 0 until received."""
     offset_us = s.unix_offset_us
     return mavlink.MAVLink_system_time_message(
@@ -87,7 +91,7 @@ def system_time(s: State) -> Any:
     )
 
 
-def battery_status(s: State) -> Any:
+def battery_status(s: AutopilotState) -> Any:
     """Return the telemetry message BATTERY_STATUS, with the pack as one cell, as in SITL."""
     charge = s.charge
     return mavlink.MAVLink_battery_status_message(
@@ -105,7 +109,7 @@ def battery_status(s: State) -> Any:
     )
 
 
-def highres_imu(s: State) -> Any:
+def highres_imu(s: AutopilotState) -> Any:
     """Return the telemetry message HIGHRES_IMU: accelerations, rates, pressure."""
     altitude_m = s.frame.altitude_m - s.now.position_ned_m[2]
     return mavlink.MAVLink_highres_imu_message(
@@ -121,7 +125,7 @@ def highres_imu(s: State) -> Any:
     )
 
 
-def raw_imu(s: State) -> Any:
+def raw_imu(s: AutopilotState) -> Any:
     """Return the telemetry message RAW_IMU with ArduPilot's scaling: mg, mrad/s, mgauss."""
     force, rates, field = s.now.specific_force_m_s2, s.now.rates_rad_s, _magnetic_field_gauss(s)
     return mavlink.MAVLink_raw_imu_message(
@@ -134,13 +138,13 @@ def raw_imu(s: State) -> Any:
     )
 
 
-def scaled_pressure(s: State) -> Any:
+def scaled_pressure(s: AutopilotState) -> Any:
     """Return the telemetry message SCALED_PRESSURE."""
     altitude_m = s.frame.altitude_m - s.now.position_ned_m[2]
     return mavlink.MAVLink_scaled_pressure_message(s.boot_ms, pressure_hpa(altitude_m), 0.0, 1500)
 
 
-def position_target_local_ned(s: State) -> Any | None:
+def position_target_local_ned(s: AutopilotState) -> Any | None:
     """Return the telemetry message POSITION_TARGET_LOCAL_NED; None if idle."""
     target = s.target
     if target is None:
@@ -155,7 +159,7 @@ def position_target_local_ned(s: State) -> Any | None:
         s.boot_ms,
         mavlink.MAV_FRAME_LOCAL_NED,
         mask,
-        *(bounded(each, FARTHEST_M) for each in position),
+        *(bounded_value(each, FARTHEST_M) for each in position),
         *target.velocity_ned_m_s,
         0.0,
         0.0,
@@ -165,7 +169,7 @@ def position_target_local_ned(s: State) -> Any | None:
     )
 
 
-def position_target_global_int(s: State) -> Any | None:
+def position_target_global_int(s: AutopilotState) -> Any | None:
     """Return the telemetry message POSITION_TARGET_GLOBAL_INT; None without a target position.
 
     A landing has no altitude to reach: 0, as PX4 sends it.
@@ -176,7 +180,7 @@ def position_target_global_int(s: State) -> Any | None:
     north, east, down = target.position_ned_m
     if north is None or east is None:
         return None
-    place = s.frame.to_geodetic((north, east, bounded(down or 0.0, HIGHEST_M)))
+    place = s.frame.to_geodetic((north, east, bounded_value(down or 0.0, HIGHEST_M)))
     return mavlink.MAVLink_position_target_global_int_message(
         s.boot_ms,
         mavlink.MAV_FRAME_GLOBAL_INT,
@@ -193,7 +197,7 @@ def position_target_global_int(s: State) -> Any | None:
     )
 
 
-def altitude(s: State) -> Any:
+def altitude(s: AutopilotState) -> Any:
     """Return the telemetry message ALTITUDE."""
     up = -s.now.position_ned_m[2]
     amsl = s.frame.altitude_m + up
@@ -202,7 +206,7 @@ def altitude(s: State) -> Any:
     )
 
 
-def vibration(s: State) -> Any:
+def vibration(s: AutopilotState) -> Any:
     """Return the telemetry message VIBRATION: none."""
     return mavlink.MAVLink_vibration_message(s.boot_us, 0.0, 0.0, 0.0, 0, 0, 0)
 
@@ -223,7 +227,7 @@ class LoadReport(NamedTuple):
     health_extended: int
 
 
-def sys_status(s: State, masks: SensorMasks, report: LoadReport, *, prearm: bool) -> Any:
+def sys_status(s: AutopilotState, masks: SensorMasks, report: LoadReport, *, prearm: bool) -> Any:
     """Return the telemetry message SYS_STATUS."""
     charge = s.charge
     return mavlink.MAVLink_sys_status_message(
@@ -238,7 +242,7 @@ def sys_status(s: State, masks: SensorMasks, report: LoadReport, *, prearm: bool
     )  # fmt: skip
 
 
-class Fix(NamedTuple):
+class TelemetryFix(NamedTuple):
     """The GPS fix in telemetry's GPS_RAW_INT, scaled as in MAVLink."""
 
     kind: int
@@ -249,7 +253,7 @@ class Fix(NamedTuple):
     """Horizontal and vertical in mm, and of velocity in mm/s where it is given."""
 
 
-def gps_raw_int(s: State, fix: Fix) -> Any:
+def gps_raw_int(s: AutopilotState, fix: TelemetryFix) -> Any:
     """Return the telemetry message GPS_RAW_INT at the estimate."""
     here = s.frame.to_geodetic(s.now.position_ned_m)
     altitude_mm = round(here.altitude_m * 1e3)
@@ -269,7 +273,7 @@ def gps_raw_int(s: State, fix: Fix) -> Any:
     )
 
 
-def vfr_hud(s: State, throttle: float, *, airspeed_m_s: float) -> Any:
+def vfr_hud(s: AutopilotState, throttle: float, *, airspeed_m_s: float) -> Any:
     """Return the telemetry message VFR_HUD; altitude above mean sea level."""
     return mavlink.MAVLink_vfr_hud_message(
         airspeed_m_s,
@@ -286,12 +290,12 @@ def pressure_hpa(altitude_m: float) -> float:
     return float(1013.25 * (1.0 - 2.25577e-5 * altitude_m) ** 5.25588)
 
 
-def ground_speed_m_s(s: State) -> float:
+def ground_speed_m_s(s: AutopilotState) -> float:
     """Return the horizontal speed for telemetry."""
     return math.hypot(s.now.velocity_ned_m_s[0], s.now.velocity_ned_m_s[1])
 
 
-def heading_deg(s: State) -> int:
+def heading_deg(s: AutopilotState) -> int:
     """Return the heading for telemetry in whole degrees, 0 to 359."""
     return round(math.degrees(s.now.euler_rad[2])) % 360
 
@@ -312,7 +316,7 @@ COMMON: dict[int, Builder] = {
 }
 
 
-def _magnetic_field_gauss(s: State) -> Vec3:
+def _magnetic_field_gauss(s: AutopilotState) -> Vec3:
     """Return telemetry's magnetic field, body axes: central Europe, 0.21 G north, 0.43 G down."""
     return rotate(quat_conjugate(quat_from_euler(*s.now.euler_rad)), (0.21, 0.0, 0.43))
 

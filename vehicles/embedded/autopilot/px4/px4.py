@@ -5,13 +5,13 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from wil_campaign.vehicles.embedded.autopilot.aircraft import Aircraft
+from wil_campaign.vehicles.embedded.autopilot.aircraft import EmulatedAircraft
 from wil_campaign.vehicles.embedded.autopilot.flight.flight import TiltWatch
 from wil_campaign.vehicles.embedded.autopilot.flight.guidance import (
-    Behaviour,
-    Hold,
-    TakeOff,
-    Wanted,
+    GuidanceBehaviour,
+    HoldBehaviour,
+    TakeOffBehaviour,
+    WantedMotion,
 )
 from wil_campaign.vehicles.embedded.autopilot.flight.places import is_altitude, is_on_globe
 from wil_campaign.vehicles.embedded.autopilot.flight.setpoint_targets import (
@@ -21,10 +21,10 @@ from wil_campaign.vehicles.embedded.autopilot.flight.setpoint_targets import (
 from wil_campaign.vehicles.embedded.autopilot.px4.px4_core import Px4Core
 from wil_campaign.vehicles.embedded.autopilot.px4.px4_failsafes import (
     WARNINGS,
-    Action,
-    Decision,
-    Failsafes,
-    View,
+    Px4FailsafeAction,
+    Px4FailsafeDecision,
+    Px4FailsafeInputs,
+    Px4Failsafes,
 )
 from wil_campaign.vehicles.embedded.autopilot.px4.px4_modes import Px4Mode
 from wil_campaign.vehicles.embedded.autopilot.services import mission_service
@@ -32,7 +32,7 @@ from wil_campaign.vehicles.embedded.autopilot.services.command_registry import (
     ACCEPTED,
     DENIED,
     UNSUPPORTED,
-    Command,
+    ReceivedCommand,
     on_command,
     on_message,
 )
@@ -46,9 +46,9 @@ _TILT_FOR_S = 0.3
 _BREAKER_CLOSED = 121212
 """Value of CBRK_FLIGHTTERM that keeps the failure detector from terminating the flight."""
 _FAILSAFE_MODES = {
-    Action.HOLD: Px4Mode.HOLD,
-    Action.RETURN: Px4Mode.RTL,
-    Action.LAND: Px4Mode.LAND,
+    Px4FailsafeAction.HOLD: Px4Mode.HOLD,
+    Px4FailsafeAction.RETURN: Px4Mode.RTL,
+    Px4FailsafeAction.LAND: Px4Mode.LAND,
 }
 
 
@@ -59,9 +59,9 @@ _STICKS_LOST = {1: Px4Mode.HOLD, 2: Px4Mode.RTL, 3: Px4Mode.LAND}
 class Px4(Px4Core):
     """The emulated PX4 over MAVLink: setpoints, commands, missions, failsafes."""
 
-    def __init__(self, aircraft: Aircraft) -> None:
+    def __init__(self, aircraft: EmulatedAircraft) -> None:
         super().__init__(aircraft)
-        self._failsafes = Failsafes(self.parameters)
+        self._failsafes = Px4Failsafes(self.parameters)
         self._tilt = TiltWatch(
             limit_rad=math.radians(self.parameters["FD_FAIL_R"]), for_s=_TILT_FOR_S
         )
@@ -92,7 +92,7 @@ class Px4(Px4Core):
             state = self.state
             self._receive_setpoint(global_setpoint(message, state.frame, state.home_down_m))
 
-    def _receive_setpoint(self, wanted: Wanted | None) -> None:
+    def _receive_setpoint(self, wanted: WantedMotion | None) -> None:
         if wanted is None:
             return
         self.setpoint_at_s = self.t_s
@@ -128,7 +128,7 @@ class Px4(Px4Core):
         self._failsafes.reset()
 
     @on_command(mavlink.MAV_CMD_NAV_TAKEOFF)
-    def _take_off(self, command: Command) -> int:
+    def _take_off(self, command: ReceivedCommand) -> int:
         if not self._may_be_place(command):
             return DENIED
         origin_m = self.state.frame.altitude_m
@@ -136,7 +136,7 @@ class Px4(Px4Core):
         return self.choose(Px4Mode.TAKEOFF)
 
     @on_command(mavlink.MAV_CMD_MISSION_START)
-    def _start_mission(self, command: Command) -> int:
+    def _start_mission(self, command: ReceivedCommand) -> int:
         """Fly PX4's mission, and arm for it; param1 is its first item."""
         if not self.missions.is_uploaded:
             self.outbox.send_text(CRITICAL, "Mission start denied! No valid mission\t")
@@ -149,7 +149,7 @@ class Px4(Px4Core):
         result = self.choose(Px4Mode.MISSION)
         return result if result != ACCEPTED else self.arm(force=False)
 
-    def lift(self, down_m: float) -> Behaviour | None:
+    def lift(self, down_m: float) -> GuidanceBehaviour | None:
         """Return the climb that PX4 flies before a waypoint when it is on the ground."""
         if not self.flight.landed:
             return None
@@ -163,7 +163,7 @@ class Px4(Px4Core):
         return self.mode is not Px4Mode.OFFBOARD
 
     @on_command(mavlink.MAV_CMD_DO_REPOSITION)
-    def _reposition(self, command: Command) -> int:
+    def _reposition(self, command: ReceivedCommand) -> int:
         if not self.position_valid or not self._may_be_place(command):
             return DENIED
         position = self.place_of(command)
@@ -174,7 +174,7 @@ class Px4(Px4Core):
         return result
 
     @on_command(mavlink.MAV_CMD_DO_FLIGHTTERMINATION)
-    def _terminate(self, command: Command) -> int:
+    def _terminate(self, command: ReceivedCommand) -> int:
         if command.params[0] > 0.5 and self.flight.armed:
             self.terminate("Flight termination by command")
             return ACCEPTED
@@ -182,7 +182,7 @@ class Px4(Px4Core):
 
     # Flying.
 
-    def _behaviour(self, mode: Px4Mode) -> Behaviour:
+    def _behaviour(self, mode: Px4Mode) -> GuidanceBehaviour:
         if mode is Px4Mode.TAKEOFF:
             down_m = self._takeoff_down_m
             if down_m is None:
@@ -220,7 +220,7 @@ class Px4(Px4Core):
                 self._act(decision)
         self._disarm_when_due()
 
-    def _may_be_place(self, command: Command) -> bool:
+    def _may_be_place(self, command: ReceivedCommand) -> bool:
         """Return whether PX4 accepts a command's position; NaN means not given."""
         x, y, z = (0.0 if math.isnan(each) else each for each in (command.x, command.y, command.z))
         return is_on_globe(x, y) and is_altitude(z)
@@ -237,18 +237,22 @@ class Px4(Px4Core):
     def _end_takeoff(self) -> None:
         """Change PX4 from TAKEOFF to HOLD near the takeoff height."""
         behaviour = self.flight.behaviour
-        if self.mode is Px4Mode.TAKEOFF and isinstance(behaviour, TakeOff) and behaviour.done:
+        if (
+            self.mode is Px4Mode.TAKEOFF
+            and isinstance(behaviour, TakeOffBehaviour)
+            and behaviour.done
+        ):
             self.choose(Px4Mode.HOLD)
             self.flight.fly(
-                Hold(
+                HoldBehaviour(
                     speeds=self.manoeuvres.speeds(),
                     yaw_rad=behaviour.yaw_rad,
                     position_ned_m=behaviour.goal_ned_m,
                 )
             )
 
-    def _view(self) -> View:
-        return View(
+    def _view(self) -> Px4FailsafeInputs:
+        return Px4FailsafeInputs(
             t_s=self.t_s,
             offboard=self.mode is Px4Mode.OFFBOARD,
             landing=self.mode is Px4Mode.LAND and not self.failsafe,
@@ -259,13 +263,13 @@ class Px4(Px4Core):
             outside_fence=self._breach(self.fence) is not None,
         )
 
-    def _act(self, decision: Decision) -> None:
+    def _act(self, decision: Px4FailsafeDecision) -> None:
         action = decision.action
-        if action is Action.WARN:
+        if action is Px4FailsafeAction.WARN:
             self.outbox.send_text(WARNING, WARNINGS[decision.cause])
-        elif action is Action.DISARM:
+        elif action is Px4FailsafeAction.DISARM:
             self.stop_motors("failsafe")
-        elif action is Action.TERMINATE:
+        elif action is Px4FailsafeAction.TERMINATE:
             self.terminate("Failsafe activated: terminate")
         elif not self.flight.landed or decision.cause == "offboard":
             self.fail(_FAILSAFE_MODES[action])

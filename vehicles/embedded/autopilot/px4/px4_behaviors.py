@@ -3,10 +3,10 @@
 import math
 
 from wil_campaign.vehicles.embedded.autopilot.flight.guidance import (
-    GoTo,
+    GoToBehaviour,
+    GuidanceSpeeds,
     LandProfile,
-    Speeds,
-    TakeOff,
+    TakeOffBehaviour,
     speed_limits,
 )
 from wil_campaign.vehicles.embedded.autopilot.flight.manoeuvres import Manoeuvres
@@ -18,17 +18,17 @@ _RADIUS_M = 0.3
 class Px4Manoeuvres(Manoeuvres):
     """PX4's behaviours by MPC_*, MIS_*, NAV_* and RTL_*."""
 
-    def default_speeds(self) -> Speeds:
+    def default_speeds(self) -> GuidanceSpeeds:
         """Return the speed limits of PX4's automatic modes."""
         p = self._p
         return speed_limits(p["MPC_XY_CRUISE"], p["MPC_Z_V_AUTO_UP"], p["MPC_Z_V_AUTO_DN"])
 
-    def offboard_speeds(self) -> Speeds:
+    def offboard_speeds(self) -> GuidanceSpeeds:
         """Return the speed limits of PX4's OFFBOARD."""
         p = self._p
         return speed_limits(p["MPC_XY_VEL_MAX"], p["MPC_Z_VEL_MAX_UP"], p["MPC_Z_VEL_MAX_DN"])
 
-    def return_speeds(self) -> Speeds:
+    def return_speeds(self) -> GuidanceSpeeds:
         """Return the speed limits of PX4's automatic modes, for its return."""
         return self.speeds()
 
@@ -66,10 +66,10 @@ class Px4Manoeuvres(Manoeuvres):
             )
         )
 
-    def take_off(self, down_m: float) -> TakeOff:
+    def take_off(self, down_m: float) -> TakeOffBehaviour:
         """Return PX4's climb to a height, no lower than the present one."""
         p = self._p
-        return TakeOff(
+        return TakeOffBehaviour(
             down_m=min(down_m, self._state.now.position_ned_m[2]),
             climb_m_s=p["MPC_TKO_SPEED"],
             ramp_s=p["MPC_TKO_RAMP_T"],
@@ -77,16 +77,16 @@ class Px4Manoeuvres(Manoeuvres):
             speeds=self.speeds(),
         )
 
-    def waypoint(self, position_ned_m: Vec3) -> GoTo:
+    def waypoint(self, position_ned_m: Vec3) -> GoToBehaviour:
         """Return PX4's flight to a place of a mission."""
         return self.go_to(position_ned_m)
 
     def go_to(
         self, position_ned_m: Vec3, *, speed_m_s: float = -1.0, yaw_rad: float = math.nan
-    ) -> GoTo:
+    ) -> GoToBehaviour:
         """Return PX4's flight to a place. speed_m_s: below 0 the usual; yaw NaN: keep it."""
         limits = self.speeds()
-        return GoTo(
+        return GoToBehaviour(
             position_ned_m=position_ned_m,
             yaw_rad=yaw_rad if math.isfinite(yaw_rad) else self._state.now.euler_rad[2],
             speeds=limits._replace(across=speed_m_s) if speed_m_s > 0.0 else limits,

@@ -6,14 +6,18 @@ from typing import Any, ClassVar
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from wil_campaign.vehicles.autopilots.px4 import Px4 as Strategy
-from wil_campaign.vehicles.embedded.autopilot.aircraft import Aircraft, Firmware
+from wil_campaign.vehicles.embedded.autopilot.aircraft import EmulatedAircraft, FirmwareTraits
 from wil_campaign.vehicles.embedded.autopilot.emulated_autopilot import (
     EmulatedAutopilot,
     StandardModes,
 )
 from wil_campaign.vehicles.embedded.autopilot.flight import telemetry
 from wil_campaign.vehicles.embedded.autopilot.flight.flight import FlightStyle
-from wil_campaign.vehicles.embedded.autopilot.flight.guidance import Behaviour, Follow, speed_limits
+from wil_campaign.vehicles.embedded.autopilot.flight.guidance import (
+    FollowBehaviour,
+    GuidanceBehaviour,
+    speed_limits,
+)
 from wil_campaign.vehicles.embedded.autopilot.flight.mission_items import ItemRules
 from wil_campaign.vehicles.embedded.autopilot.flight.sticks import StickLimits
 from wil_campaign.vehicles.embedded.autopilot.px4 import px4_telemetry
@@ -24,7 +28,7 @@ from wil_campaign.vehicles.embedded.autopilot.services.command_registry import (
     DENIED,
     FORCE_DISARM,
     TEMPORARILY_REJECTED,
-    Command,
+    ReceivedCommand,
     on_request,
 )
 from wil_campaign.vehicles.embedded.autopilot.services.fence_items import FENCE_COMMANDS
@@ -74,7 +78,7 @@ class Px4Core(EmulatedAutopilot[Px4Mode]):
     """PX4's modes and arming; the subclass handles setpoints, missions and failsafes."""
 
     name: ClassVar[str] = Strategy.name
-    firmware: ClassVar[Firmware] = Firmware(
+    firmware: ClassVar[FirmwareTraits] = FirmwareTraits(
         mav_autopilot=mavlink.MAV_AUTOPILOT_PX4,
         parameter_file=Strategy.embedded_parameters,
         bytewise=True,
@@ -100,7 +104,7 @@ class Px4Core(EmulatedAutopilot[Px4Mode]):
     no_mission_items: ClassVar[int] = 65535  # as in the reference trace
     manoeuvres: Px4Manoeuvres
 
-    def __init__(self, aircraft: Aircraft) -> None:
+    def __init__(self, aircraft: EmulatedAircraft) -> None:
         rates_hz = px4_telemetry.FULL_HZ if aircraft.full_streams else px4_telemetry.LEAN_HZ
         super().__init__(aircraft, rates_hz=rates_hz, mode=Px4Mode.HOLD)
         self.manoeuvres = Px4Manoeuvres(self.parameters, self.state)
@@ -108,7 +112,7 @@ class Px4Core(EmulatedAutopilot[Px4Mode]):
         self.flying = False
         """Whether takeoff is detected, and landing not yet."""
         self.setpoint_at_s = -math.inf
-        self.follow = Follow(
+        self.follow = FollowBehaviour(
             speeds=self.manoeuvres.offboard_speeds(), yaw_rad=0.0, may_lift=True, direct=True
         )
         self._mode_after_disarm = Px4Mode.HOLD
@@ -240,7 +244,7 @@ class Px4Core(EmulatedAutopilot[Px4Mode]):
         self.outbox.send_text(CRITICAL, "Failsafe activated\t")
         self.enter(mode)
 
-    def _behaviour(self, mode: Px4Mode) -> Behaviour:
+    def _behaviour(self, mode: Px4Mode) -> GuidanceBehaviour:
         if mode is Px4Mode.OFFBOARD:
             return self.follow
         if mode is Px4Mode.LAND:
@@ -259,7 +263,7 @@ class Px4Core(EmulatedAutopilot[Px4Mode]):
     def _sticks_last_s(self) -> float:
         return self.parameters["COM_RC_LOSS_T"]
 
-    def return_home(self) -> Behaviour:
+    def return_home(self) -> GuidanceBehaviour:
         """Return the behaviour that flies PX4 home, and say so."""
         state, height_m = self.state, self.manoeuvres.return_height_m()
         amsl_m = state.frame.altitude_m - state.home_down_m + height_m
@@ -270,7 +274,7 @@ class Px4Core(EmulatedAutopilot[Px4Mode]):
 
     # Arming.
 
-    def _is_forced(self, command: Command) -> bool:
+    def _is_forced(self, command: ReceivedCommand) -> bool:
         return command.params[1] == FORCE_DISARM
 
     def _arming_fault(self, *, force: bool) -> str | None:

@@ -7,7 +7,10 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from wil_campaign.vehicles.autopilots.map_projections import Px4Projection
 from wil_campaign.vehicles.embedded.autopilot.flight import telemetry
-from wil_campaign.vehicles.embedded.autopilot.flight.autopilot_state import Identity, State
+from wil_campaign.vehicles.embedded.autopilot.flight.autopilot_state import (
+    AutopilotState,
+    EmulatedIdentity,
+)
 from wil_campaign.vehicles.embedded.autopilot.services import discovery
 from wil_campaign.worlds.frames import quat_conjugate, quat_from_euler, rotate
 
@@ -24,7 +27,7 @@ _BEFORE_HEADING = 50364479
 _HEADING_S = 3.2
 
 
-def autopilot_version(identity: Identity) -> Any:
+def autopilot_version(identity: EmulatedIdentity) -> Any:
     """Return AUTOPILOT_VERSION of PX4 SITL: its uid is a constant plus the system id minus one."""
     others = identity.system_id - 1
     uid2 = tuple(
@@ -46,14 +49,14 @@ def autopilot_version(identity: Identity) -> Any:
     )
 
 
-def sys_status(s: State, *, prearm: bool) -> Any:
+def sys_status(s: AutopilotState, *, prearm: bool) -> Any:
     """Return PX4's SYS_STATUS telemetry."""
     health = _HEALTHY if s.clock_s >= _HEADING_S else _BEFORE_HEADING
     masks = telemetry.SensorMasks(_SENSORS, _ENABLED, health)
     return telemetry.sys_status(s, masks, telemetry.LoadReport(100, -1, 1), prearm=prearm)
 
 
-def estimator_status(s: State, *, armed: bool, landed_after_flight: bool) -> Any:
+def estimator_status(s: AutopilotState, *, armed: bool, landed_after_flight: bool) -> Any:
     """Return PX4's ESTIMATOR_STATUS: flags by the time since boot and the phase of flight."""
     if s.clock_s < 2.0:
         flags = 164
@@ -68,17 +71,17 @@ def estimator_status(s: State, *, armed: bool, landed_after_flight: bool) -> Any
     )
 
 
-def gps_raw_int(s: State) -> Any:
+def gps_raw_int(s: AutopilotState) -> Any:
     """Return PX4's GPS_RAW_INT: a 3D fix of 10 satellites from the start."""
-    return telemetry.gps_raw_int(s, telemetry.Fix(3, 10, 70, 110, (900, 1780, 400)))
+    return telemetry.gps_raw_int(s, telemetry.TelemetryFix(3, 10, 70, 110, (900, 1780, 400)))
 
 
-def global_position_int(s: State) -> Any | None:
+def global_position_int(s: AutopilotState) -> Any | None:
     """Return PX4's GLOBAL_POSITION_INT, once the estimator has a position."""
     return telemetry.global_position_int(s) if s.clock_s >= _HEADING_S else None
 
 
-def odometry(s: State) -> Any:
+def odometry(s: AutopilotState) -> Any:
     """Return PX4's ODOMETRY: local position, velocity in body axes (frame 1, 1)."""
     q = quat_from_euler(*s.now.euler_rad)
     velocity = rotate(quat_conjugate(q), s.now.velocity_ned_m_s)
@@ -98,7 +101,7 @@ def odometry(s: State) -> Any:
     )
 
 
-def hil_state_quaternion(s: State) -> Any:
+def hil_state_quaternion(s: AutopilotState) -> Any:
     """Return PX4's HIL_STATE_QUATERNION of its ground truth topics.
 
     The C++ truncates to integers, and sets neither time nor airspeeds.
@@ -123,17 +126,17 @@ def hil_state_quaternion(s: State) -> Any:
     )
 
 
-def timesync(s: State) -> Any:
+def timesync(s: AutopilotState) -> Any:
     """Return PX4's TIMESYNC request, which it sends ten times a second."""
     return mavlink.MAVLink_timesync_message(0, s.boot_us * 1000)
 
 
-def ping(s: State) -> Any:
+def ping(s: AutopilotState) -> Any:
     """Return PX4's broadcast PING, which it sends each second."""
     return mavlink.MAVLink_ping_message(s.boot_us, 0, 0, 0)
 
 
-def distance_sensor(s: State) -> Any:
+def distance_sensor(s: AutopilotState) -> Any:
     """Return PX4's DISTANCE_SENSOR: the height above the start in cm, looking down."""
     height_cm = round(max(0.0, -s.now.position_ned_m[2]) * 100.0)
     return mavlink.MAVLink_distance_sensor_message(
@@ -148,7 +151,7 @@ def distance_sensor(s: State) -> Any:
     )
 
 
-def servo_output_raw(s: State) -> Any:
+def servo_output_raw(s: AutopilotState) -> Any:
     """Return PX4's SERVO_OUTPUT_RAW: 900 us stopped, 1000 to 2000 us with the thrust."""
     pulses = [
         round(1000.0 + 1000.0 * thrust_n / s.max_thrust_n) if thrust_n > 0.0 else 900

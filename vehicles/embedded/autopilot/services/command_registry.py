@@ -6,7 +6,11 @@ from typing import Any, NamedTuple, TypeVar
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from wil_campaign.vehicles.embedded.autopilot.flight.places import is_altitude, is_on_globe, whole
+from wil_campaign.vehicles.embedded.autopilot.flight.places import (
+    int32_of_float,
+    is_altitude,
+    is_on_globe,
+)
 
 ACCEPTED: int = mavlink.MAV_RESULT_ACCEPTED
 TEMPORARILY_REJECTED: int = mavlink.MAV_RESULT_TEMPORARILY_REJECTED
@@ -23,7 +27,7 @@ _LOCAL_FRAMES = {mavlink.MAV_FRAME_LOCAL_NED, mavlink.MAV_FRAME_LOCAL_OFFSET_NED
 _INT_UNSET = 2**31 - 1
 
 
-class Command(NamedTuple):
+class ReceivedCommand(NamedTuple):
     """A received MAVLink command; x, y: degrees for a global position, NaN when not given."""
 
     number: int
@@ -38,7 +42,7 @@ class Command(NamedTuple):
 
     def whole(self, index: int) -> int:
         """Return a command's parameter (0 to 3) as the integer that a firmware casts it to."""
-        return whole(self.params[index])
+        return int32_of_float(self.params[index])
 
     @property
     def has_place(self) -> bool:
@@ -46,9 +50,9 @@ class Command(NamedTuple):
         return is_on_globe(self.x, self.y) and is_altitude(self.z)
 
 
-def from_long(message: Any) -> Command:
+def command_from_long(message: Any) -> ReceivedCommand:
     """Return the command in a COMMAND_LONG."""
-    return Command(
+    return ReceivedCommand(
         message.command,
         (message.param1, message.param2, message.param3, message.param4),
         message.param5,
@@ -60,10 +64,10 @@ def from_long(message: Any) -> Command:
     )
 
 
-def from_int(message: Any) -> Command:
+def command_from_int(message: Any) -> ReceivedCommand:
     """Return the command in a COMMAND_INT."""
     scale = 1e-4 if message.frame in _LOCAL_FRAMES else 1e-7
-    return Command(
+    return ReceivedCommand(
         message.command,
         (message.param1, message.param2, message.param3, message.param4),
         math.nan if message.x == _INT_UNSET else message.x * scale,
@@ -108,12 +112,12 @@ def on_request(*message_ids: int) -> Callable[[Handler], Handler]:
     return mark
 
 
-def handlers(part: object, mark: str) -> dict[Any, Callable[..., Any]]:
+def registered_handlers(part: object, mark: str) -> dict[Any, Callable[..., Any]]:
     """Return the registered methods of a part, bound, by what they handle."""
-    return {key: getattr(part, name) for key, name in marked(type(part), mark).items()}
+    return {key: getattr(part, name) for key, name in marked_methods(type(part), mark).items()}
 
 
-def marked(kind: type, mark: str) -> dict[Any, str]:
+def marked_methods(kind: type, mark: str) -> dict[Any, str]:
     """Return the registered methods of a class and its bases: key to name of the method.
 
     A subclass overrides by marking the same key. Raises ValueError when one class marks a key

@@ -10,8 +10,8 @@ from wil_campaign.vehicles.mavlink.fence_areas import (
     RETURN_POINT,
     FenceCircle,
     FenceItem,
+    FencePlace,
     FencePolygon,
-    Place,
     fence_areas,
 )
 from wil_campaign.worlds.geodesy import LocalFrame
@@ -49,7 +49,7 @@ def emulated_fence(items: Sequence[FenceItem], frame: LocalFrame) -> EmulatedFen
     return EmulatedFence(tuple(areas))
 
 
-def _to_local(place: Place, frame: LocalFrame) -> Point:
+def _to_local(place: FencePlace, frame: LocalFrame) -> Point:
     """Return a fence item's place in local metres."""
     north, east, _ = frame.to_ned(place.latitude_deg, place.longitude_deg, frame.altitude_m)
     return (north, east)

@@ -6,8 +6,8 @@ ULog: https://docs.px4.io/main/en/dev_log/ulog_file_format.html
 import struct
 from typing import Protocol
 
-from wil_campaign.vehicles.embedded.autopilot.flight.parameter_table import Parameters
-from wil_campaign.vehicles.embedded.physics.states import Motion
+from wil_campaign.vehicles.embedded.autopilot.flight.parameter_table import ParameterTable
+from wil_campaign.vehicles.embedded.physics.states import BodyMotion
 
 _POSITION_FIELDS = ("x", "y", "z", "vx", "vy", "vz", "heading")
 
@@ -18,7 +18,7 @@ class LogWriter(Protocol):
     def text(self, t_us: int, text: str) -> None:
         """Add a text to the log."""
 
-    def position(self, t_us: int, now: Motion) -> None:
+    def position(self, t_us: int, now: BodyMotion) -> None:
         """Add the estimate to the log: local NED."""
 
     def data(self) -> bytes:
@@ -31,7 +31,7 @@ class ULog:
     _TOPIC = "vehicle_local_position"
     _TOPIC_ID = 0
 
-    def __init__(self, t_us: int, parameters: Parameters) -> None:
+    def __init__(self, t_us: int, parameters: ParameterTable) -> None:
         # The magic and version 1, then the time of the start.
         self._data = bytearray(b"ULog\x01\x12\x35\x01" + struct.pack("<Q", t_us))
         self._add("B", bytes(40))
@@ -46,7 +46,7 @@ class ULog:
         """Add a text to the ULog, at the level of information."""
         self._add("L", b"6" + struct.pack("<Q", t_us) + text.encode())
 
-    def position(self, t_us: int, now: Motion) -> None:
+    def position(self, t_us: int, now: BodyMotion) -> None:
         """Add the estimate to the ULog."""
         values = (*now.position_ned_m, *now.velocity_ned_m_s, now.euler_rad[2])
         self._add("D", struct.pack("<HQ7f", self._TOPIC_ID, t_us, *values))
@@ -55,7 +55,7 @@ class ULog:
         """Return the ULog's bytes so far."""
         return bytes(self._data)
 
-    def _parameter(self, name: str, parameters: Parameters) -> None:
+    def _parameter(self, name: str, parameters: ParameterTable) -> None:
         whole = parameters.is_whole(name)
         key = f"{'int32_t' if whole else 'float'} {name}".encode()
         value = parameters[name]

@@ -7,7 +7,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from wil_campaign.vehicles.embedded.autopilot.services.command_registry import on_message
 from wil_campaign.vehicles.embedded.autopilot.services.log_formats import LogWriter
-from wil_campaign.vehicles.embedded.physics.states import Motion
+from wil_campaign.vehicles.embedded.physics.states import BodyMotion
 
 _PIECE = 90
 _PER_TURN = 20
@@ -35,7 +35,7 @@ class FlightLogs:
         self._due_s = 0.0
         self._request: tuple[bytes, int, int, int] | None = None
 
-    def turn(self, t_s: float, *, armed: bool, now: Motion) -> None:
+    def turn(self, t_s: float, *, armed: bool, now: BodyMotion) -> None:
         """Write due log entries, and send requested log data; called every 20 ms."""
         if armed or self._writer is not None:
             self._write(t_s, armed=armed, now=now)
@@ -67,7 +67,7 @@ class FlightLogs:
                     mavlink.MAVLink_log_entry_message(number, len(self._logs), last, 0, len(data))
                 )
 
-    def _write(self, t_s: float, *, armed: bool, now: Motion) -> None:
+    def _write(self, t_s: float, *, armed: bool, now: BodyMotion) -> None:
         t_us = int(t_s * 1e6)
         writer = self._writer
         if writer is None:

@@ -6,7 +6,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from wil_campaign.vehicles.embedded.autopilot.flight.autopilot_state import State
+from wil_campaign.vehicles.embedded.autopilot.flight.autopilot_state import AutopilotState
 from wil_campaign.vehicles.embedded.autopilot.flight.telemetry import Builder
 from wil_campaign.vehicles.embedded.autopilot.services import discovery
 from wil_campaign.vehicles.embedded.autopilot.services.command_registry import (
@@ -14,12 +14,12 @@ from wil_campaign.vehicles.embedded.autopilot.services.command_registry import (
     DENIED,
     FAILED,
     UNSUPPORTED,
-    Command,
-    from_int,
-    from_long,
-    handlers,
+    ReceivedCommand,
+    command_from_int,
+    command_from_long,
     on_command,
     on_message,
+    registered_handlers,
 )
 from wil_campaign.vehicles.embedded.autopilot.services.outbox import Outbox
 from wil_campaign.vehicles.embedded.autopilot.services.stream_intervals import StreamIntervals
@@ -42,7 +42,7 @@ class MessageHub:
         self,
         *,
         system_id: int,
-        state: State,
+        state: AutopilotState,
         streams: StreamIntervals,
         outbox: Outbox,
         builders: Mapping[int, Builder],
@@ -56,15 +56,15 @@ class MessageHub:
         self._modes = modes
         self._arrived_s = 0.0
         self.messages: dict[str, Callable[[Any], None]] = {}
-        self.commands: dict[int, Callable[[Command], int]] = {}
+        self.commands: dict[int, Callable[[ReceivedCommand], int]] = {}
         self._requests: dict[int, Callable[[], Any]] = {}
 
     def serve(self, *parts: object) -> None:
         """Have marked methods of these parts handle their messages; a later part's replaces."""
         for part in parts:
-            self.messages |= handlers(part, "mav_messages")
-            self.commands |= handlers(part, "mav_commands")
-            self._requests |= handlers(part, "mav_requests")
+            self.messages |= registered_handlers(part, "mav_messages")
+            self.commands |= registered_handlers(part, "mav_commands")
+            self._requests |= registered_handlers(part, "mav_requests")
 
     def handle(self, message: Any, arrived_s: float) -> None:
         """Handle one MAVLink message; messages to other systems are ignored.
@@ -100,18 +100,18 @@ class MessageHub:
         """Queue the COMMAND_ACK of a command by a system and component."""
         self._outbox.send(mavlink.MAVLink_command_ack_message(number, result, 0, 0, *peer))
 
-    def _do(self, command: Command) -> None:
+    def _do(self, command: ReceivedCommand) -> None:
         handler = self.commands.get(command.number)
         result = handler(command) if handler is not None else UNSUPPORTED
         self.acknowledge(command.number, result, (command.from_system, command.from_component))
 
     @on_message("COMMAND_LONG")
     def _on_command_long(self, message: Any) -> None:
-        self._do(from_long(message))
+        self._do(command_from_long(message))
 
     @on_message("COMMAND_INT")
     def _on_command_int(self, message: Any) -> None:
-        self._do(from_int(message))
+        self._do(command_from_int(message))
 
     @on_message("TIMESYNC")
     def _on_timesync(self, message: Any) -> None:
@@ -126,7 +126,7 @@ class MessageHub:
             self._outbox.send(mavlink.MAVLink_ping_message(message.time_usec, message.seq, *peer))
 
     @on_command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL)
-    def _set_interval(self, command: Command) -> int:
+    def _set_interval(self, command: ReceivedCommand) -> int:
         number, interval_us = command.whole(0), command.params[1]
         if number not in mavlink.mavlink_map or math.isnan(interval_us):
             return DENIED
@@ -138,7 +138,7 @@ class MessageHub:
         return ACCEPTED
 
     @on_command(mavlink.MAV_CMD_GET_MESSAGE_INTERVAL)
-    def _get_interval(self, command: Command) -> int:
+    def _get_interval(self, command: ReceivedCommand) -> int:
         message_id = command.whole(0)
         if not 0 <= message_id <= _HIGHEST_INTERVAL_ID:
             return DENIED
@@ -150,7 +150,7 @@ class MessageHub:
         return ACCEPTED
 
     @on_command(mavlink.MAV_CMD_REQUEST_MESSAGE)
-    def _request_message(self, command: Command) -> int:
+    def _request_message(self, command: ReceivedCommand) -> int:
         message_id = command.whole(0)
         if message_id == discovery.AVAILABLE_MODES:
             modes = discovery.available_modes(self._modes, command.whole(1))
@@ -160,10 +160,10 @@ class MessageHub:
         return ACCEPTED if self.send(message_id) else FAILED
 
     @on_command(mavlink.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES)
-    def _request_capabilities(self, _: Command) -> int:
+    def _request_capabilities(self, _: ReceivedCommand) -> int:
         self.send(mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION)
         return ACCEPTED
 
     @on_command(mavlink.MAV_CMD_GET_HOME_POSITION)
-    def _get_home(self, _: Command) -> int:
+    def _get_home(self, _: ReceivedCommand) -> int:
         return ACCEPTED if self.send(mavlink.MAVLINK_MSG_ID_HOME_POSITION) else FAILED

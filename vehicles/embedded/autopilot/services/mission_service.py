@@ -10,10 +10,10 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from wil_campaign.vehicles.embedded.autopilot.flight.mission_items import (
     ACCEPTED,
-    Item,
+    EmulatedMissionItem,
     ItemRules,
-    item_fault,
-    item_of,
+    mission_item_fault,
+    mission_item_of,
 )
 from wil_campaign.vehicles.embedded.autopilot.services.command_registry import on_message
 
@@ -37,11 +37,11 @@ class _Upload:
         self.kind = kind
         self.count = count
         self.peer = peer
-        self.items: list[Item] = []
+        self.items: list[EmulatedMissionItem] = []
         self.last_received_s = self.requested_s = t_s
 
 
-Accept = Callable[[int, tuple[Item, ...]], int]
+Accept = Callable[[int, tuple[EmulatedMissionItem, ...]], int]
 """Takes the kind and the items of a whole upload; returns a MAV_MISSION_RESULT."""
 
 
@@ -60,9 +60,9 @@ class MissionService:
         send: Callable[[Any], None],
         clock: Callable[[], float],
         accept: Accept,
-        home: Callable[[], Item] | None,
+        home: Callable[[], EmulatedMissionItem] | None,
         rules: ItemRules,
-        go_to: Callable[[Item], int],
+        go_to: Callable[[EmulatedMissionItem], int],
     ) -> None:
         self._send = send
         self._clock = clock
@@ -70,12 +70,16 @@ class MissionService:
         self._home = home
         self._rules = rules
         self._go_to = go_to
-        self._lists: dict[int, tuple[Item, ...]] = {MISSION: (), FENCE: (), RALLY: ()}
+        self._lists: dict[int, tuple[EmulatedMissionItem, ...]] = {
+            MISSION: (),
+            FENCE: (),
+            RALLY: (),
+        }
         self._upload: _Upload | None = None
         self._finished: tuple[tuple[int, int], int] | None = None
         """The sender and kind of the last finished upload."""
 
-    def items(self, kind: int) -> tuple[Item, ...]:
+    def items(self, kind: int) -> tuple[EmulatedMissionItem, ...]:
         """Return a mission list; an ArduPilot mission starts with home."""
         items = self._lists.get(kind, ())
         if kind == MISSION and self._home is not None:
@@ -132,8 +136,8 @@ class MissionService:
 
     def _take_item(self, message: Any, t_s: float) -> None:
         upload, peer, kind = self._upload, _peer(message), message.mission_type
-        item = item_of(message)
-        if message.current == _GUIDED and upload is None and isinstance(item, Item):
+        item = mission_item_of(message)
+        if message.current == _GUIDED and upload is None and isinstance(item, EmulatedMissionItem):
             self._ack(peer, self._go_to(item), kind)
             return
         if upload is None or upload.peer != peer or upload.kind != kind:
@@ -157,15 +161,17 @@ class MissionService:
         self._upload = None
         self._finish(peer, upload.kind, tuple(upload.items))
 
-    def _fault(self, upload: _Upload, item: Item | int) -> int:
+    def _fault(self, upload: _Upload, item: EmulatedMissionItem | int) -> int:
         """Return the MAV_MISSION_RESULT of the next item; ArduPilot's home is always accepted."""
         if isinstance(item, int):
             return item
         if upload.kind == MISSION and self._home is not None and not upload.items:
             return ACCEPTED
-        return item_fault(upload.kind, item, self._rules)
+        return mission_item_fault(upload.kind, item, self._rules)
 
-    def _finish(self, peer: tuple[int, int], kind: int, items: tuple[Item, ...]) -> None:
+    def _finish(
+        self, peer: tuple[int, int], kind: int, items: tuple[EmulatedMissionItem, ...]
+    ) -> None:
         result = self._accept(kind, items)
         if result == ACCEPTED:
             self._lists[kind] = items

@@ -8,7 +8,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from wil_campaign.vehicles.embedded.autopilot.flight.parameter_table import Parameters
+from wil_campaign.vehicles.embedded.autopilot.flight.parameter_table import ParameterTable
 from wil_campaign.vehicles.embedded.autopilot.services.command_registry import on_message
 from wil_campaign.vehicles.embedded.autopilot.services.outbox import INFO, Outbox
 
@@ -30,7 +30,7 @@ class ParameterService:
     _PER_TURN = 8
     """Number of parameters of a list that are sent per turn of 20 ms, to not flood a radio."""
 
-    def __init__(self, parameters: Parameters, outbox: Outbox, *, strict: bool) -> None:
+    def __init__(self, parameters: ParameterTable, outbox: Outbox, *, strict: bool) -> None:
         self._parameters = parameters
         self._outbox = outbox
         self._strict = strict

@@ -9,16 +9,16 @@ from tests.vehicles.embedded.autopilot.bare_autopilot import BareAutopilot
 from wil_campaign.vehicles.embedded.autopilot.flight.parameter_table import load_parameters
 from wil_campaign.vehicles.embedded.autopilot.px4.px4 import Px4
 from wil_campaign.vehicles.embedded.autopilot.px4.px4_failsafes import (
-    Action,
-    Decision,
-    Failsafes,
-    View,
+    Px4FailsafeAction,
+    Px4FailsafeDecision,
+    Px4FailsafeInputs,
+    Px4Failsafes,
 )
 from wil_campaign.vehicles.embedded.autopilot.services.fence_items import EmulatedFence
 from wil_campaign.vehicles.mavlink.fence_areas import FenceCircle
 
 ARM, FORCE = 400, 21196
-SOUND = View(
+SOUND = Px4FailsafeInputs(
     t_s=100.0,
     offboard=False,
     landing=False,
@@ -30,9 +30,9 @@ SOUND = View(
 )
 
 
-def failsafes(**parameters: float) -> Failsafes:
+def failsafes(**parameters: float) -> Px4Failsafes:
     overrides = {"COM_FAIL_ACT_T": 0.0, **parameters}
-    return Failsafes(
+    return Px4Failsafes(
         load_parameters(Px4.firmware.parameter_file, bytewise=True, overrides=overrides)
     )
 
@@ -42,9 +42,9 @@ def test_a_lost_link_does_not_end_a_landing_that_the_user_commanded() -> None:
     lost = SOUND._replace(gcs_age_s=60.0)
     found = failsafes(NAV_DLL_ACT=2)
     assert found.check(lost._replace(landing=True)) is None
-    assert found.check(lost) == Decision("link", Action.RETURN)
+    assert found.check(lost) == Px4FailsafeDecision("link", Px4FailsafeAction.RETURN)
     assert found.check(lost._replace(landing=True)) is None
-    assert found.check(lost) == Decision("link", Action.RETURN)
+    assert found.check(lost) == Px4FailsafeDecision("link", Px4FailsafeAction.RETURN)
 
 
 @pytest.mark.parametrize(
@@ -55,7 +55,7 @@ def test_a_cause_that_exists_on_the_ground_acts_after_the_liftoff(
 ) -> None:
     found, view = failsafes(NAV_DLL_ACT=3, GF_ACTION=5), SOUND._replace(**change)
     assert found.check(view._replace(landed=True)) is None
-    assert found.check(view) == Decision(cause, Action.LAND)
+    assert found.check(view) == Px4FailsafeDecision(cause, Px4FailsafeAction.LAND)
     assert found.check(view) is None
 
 

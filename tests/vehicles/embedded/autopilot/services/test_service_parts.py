@@ -8,9 +8,15 @@ from shapely.geometry import Point as ShapelyPoint
 from shapely.geometry import Polygon as ShapelyPolygon
 
 from wil_campaign.plugins.ardupilot.copter.parameter_file import parameter_file
-from wil_campaign.vehicles.embedded.autopilot.flight.mission_items import Item
-from wil_campaign.vehicles.embedded.autopilot.flight.parameter_table import Parameter, Parameters
-from wil_campaign.vehicles.embedded.autopilot.services.command_registry import marked, on_command
+from wil_campaign.vehicles.embedded.autopilot.flight.mission_items import EmulatedMissionItem
+from wil_campaign.vehicles.embedded.autopilot.flight.parameter_table import (
+    ParameterTable,
+    TableParameter,
+)
+from wil_campaign.vehicles.embedded.autopilot.services.command_registry import (
+    marked_methods,
+    on_command,
+)
 from wil_campaign.vehicles.embedded.autopilot.services.discovery import (
     ModeEntry,
     available_modes,
@@ -83,7 +89,7 @@ def test_a_command_has_one_owner() -> None:
         pass
 
     with pytest.raises(ValueError, match="handles 5 twice"):
-        marked(Child, "mav_commands")
+        marked_methods(Child, "mav_commands")
 
 
 def test_long_texts_are_cut_into_chunks() -> None:
@@ -102,11 +108,11 @@ def test_long_texts_are_cut_into_chunks() -> None:
 
 def test_parameters_of_a_file_share_the_letters_of_the_name_before() -> None:
     table = (
-        Parameter("WP_SPEED", mavlink.MAV_PARAM_TYPE_REAL32, 1.5),
-        Parameter("WP_RADIUS", mavlink.MAV_PARAM_TYPE_INT16, -2.0),
-        Parameter("FRAME", mavlink.MAV_PARAM_TYPE_INT8, 1.0),
+        TableParameter("WP_SPEED", mavlink.MAV_PARAM_TYPE_REAL32, 1.5),
+        TableParameter("WP_RADIUS", mavlink.MAV_PARAM_TYPE_INT16, -2.0),
+        TableParameter("FRAME", mavlink.MAV_PARAM_TYPE_INT8, 1.0),
     )
-    assert parameter_file(Parameters(table, bytewise=False)) == (
+    assert parameter_file(ParameterTable(table, bytewise=False)) == (
         bytes.fromhex("1b67 0300 0300")
         + (b"\x01\x40FRAME" + b"\x01")
         + (b"\x02\x80WP_RADIUS" + b"\xfe\xff")
@@ -128,7 +134,7 @@ def test_a_fence_of_items_is_in_local_metres() -> None:
     frame = LocalFrame(47.0, 8.0, 500.0)
     north, east, radius_m = 10.0, -20.0, 5.0
     place = frame.to_geodetic((north, east, 0.0))
-    item = Item(
+    item = EmulatedMissionItem(
         frame=mavlink.MAV_FRAME_GLOBAL,
         command=mavlink.MAV_CMD_NAV_FENCE_CIRCLE_EXCLUSION,
         params=(radius_m, 0.0, 0.0, 0.0),
