@@ -46,6 +46,16 @@ def judged(mode: RunMode, *uses: OracleUse) -> list[tuple[str, str, bool]]:
     return [(o.name, o.vehicle, o.required) for o in build_oracles(uses, contexts(mode))]
 
 
+def test_a_profile_with_a_touchdown_limit_judges_the_landing_of_its_subject_alone() -> None:
+    limited = {name: replace(one, touchdown_m_s=1.5) for name, one in contexts("wil").items()}
+    added = [(o.name, o.vehicle) for o in build_oracles((), limited)]
+    assert added == [("landed_always", "real"), ("touchdown_always", "real")]
+    assert [name for name, *_ in judged("wil")] == ["landed_always"]
+    required = use("touchdown", max_m_s=1.0, required=True)
+    own = [(o.name, o.vehicle) for o in build_oracles((required,), limited)]
+    assert ("touchdown_always", "real") not in own
+
+
 def pose(t_s: float, vehicle: str, at: Vec3) -> PoseSample:
     return PoseSample(t_s, vehicle, Pose(at), (0, 0, 0))
 
