@@ -237,8 +237,8 @@ class _Flight:
             done=self._finish_run,
             ended_badly=lambda how: self._faults.record(RuntimeError(how), "a worker process"),
             ready=self._ready,
-            begun=lambda order, place: self._controller.begun(order.plan.name, place),
-            run_of=lambda order: order.plan.name,
+            begun=lambda order, place: self._controller.begun(_flight_name(order), place),
+            run_of=_flight_name,
         )
         self._controller = CampaignController(
             campaign=campaign.name,
@@ -403,7 +403,7 @@ class _Flight:
     def _finish_run(self, order: RunOrder, outcome: RunResult | WorkerLost) -> RunOrder | None:
         """Handle the outcome of an order; return a further one: a retry or a return flight."""
         if order.back is not None:
-            self._controller.left(return_plan(order.plan).name)
+            self._controller.left(_flight_name(order))
             self._between.check_return(order, outcome)
             return None
         if isinstance(outcome, WorkerLost):
@@ -520,6 +520,11 @@ class _Flight:
         if isinstance(document, dict) and flown:
             document["firmware"] = [asdict(flown_firmware) for flown_firmware in flown]
             write_campaign_document(path, to_json(document))
+
+
+def _flight_name(order: RunOrder) -> str:
+    """Return the name by which an order's flight reports, and by which commands address it."""
+    return (order.plan if order.back is None else return_plan(order.plan)).name
 
 
 def _with_artifact_paths(run: RunResult) -> RunResult:

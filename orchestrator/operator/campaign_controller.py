@@ -82,6 +82,7 @@ class CampaignController:
         self._flying: dict[str, RunProgressReport] = {}
         self._verdicts: dict[str, str] = {}
         self._places: dict[str, FlightPlace] = {}
+        self._seen_places: set[FlightPlace] = set()
         self._acknowledgements = Acknowledgements()
         self._numbers = count(1)
         self._partial_aborts: list[OperatorCommand] = []
@@ -127,6 +128,7 @@ class CampaignController:
     def begun(self, run: str, place: FlightPlace) -> None:
         """Record that a run has started, and where."""
         self._places[run] = place
+        self._seen_places.add(place)
         self._holding.discard(run)  # an earlier attempt at this run may have held
 
     def obey(self, command: OperatorCommand, *, stop: Stop = "command") -> str:
@@ -288,16 +290,16 @@ class CampaignController:
             tell_operator_socket(guard.socket, "abort", who=who)
 
     def _abort_place(self, command: OperatorCommand) -> str:
-        """Land the runs on one node or bench, and start no other run there."""
-        meant = self._expect(command)
+        """Land the runs on one node or bench, if any fly, and start no other run there."""
         what = f"bench {command.bench}" if command.bench else f"node {command.node}"
-        if not meant:
-            there = (
-                ", ".join(sorted({str(place) for place in self._places.values()} - {""})) or "none"
-            )
+        if not any(
+            place.is_meant(node=command.node, bench=command.bench) for place in self._seen_places
+        ):
+            there = ", ".join(sorted({str(place) for place in self._seen_places} - {""})) or "none"
             raise RefusedLineError(
                 f"abort: no run flies on {what}; nodes and benches with runs: {there}"
             )
+        meant = self._expect(command)
         self._partial_aborts.append(command)
         self._fleet.abort(command)
         return f"{_runs(len(meant))} on {what} will land, and no further run is flown there"
@@ -309,8 +311,7 @@ class CampaignController:
             for run, place in self._places.items()
             if place.is_meant(node=command.node, bench=command.bench) and command.is_for(run)
         }
-        if meant or not command.is_partial:
-            self._acknowledgements.expect(command, meant)
+        self._acknowledgements.expect(command, meant)
         return meant
 
     def _hold(self, command: OperatorCommand) -> str:

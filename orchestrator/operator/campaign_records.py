@@ -2,7 +2,7 @@
 
 import contextlib
 import os
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Self
@@ -48,17 +48,23 @@ class OperatorPlaces:
         """Return the records of one results folder, a campaign's or a run's; all for None."""
         if folder is None:
             return self
-        wanted = folder.absolute()
-        related = [
-            campaign for campaign in self.campaigns if related_folder(campaign.folder, wanted)
-        ]
-        guards = [
-            guard
-            for guard in self.guards
-            if related_folder(guard.folder, wanted)
-            or (guard.campaign is not None and guard.campaign.is_relative_to(wanted))
-        ]
-        return OperatorPlaces(tuple(related), tuple(guards))
+        found = self._beneath(folder.absolute(), lambda recorded: recorded)
+        if found.campaigns or found.guards:
+            return found
+        # By another name, as behind a link. Last, for a disk in the network may not answer.
+        return self._beneath(real_folder(folder), real_folder)
+
+    def _beneath(self, wanted: Path, name: Callable[[Path], Path]) -> "OperatorPlaces":
+        """Return the records of a folder. name: returns a recorded folder as `wanted` is named."""
+        return OperatorPlaces(
+            tuple(one for one in self.campaigns if related_folder(name(one.folder), wanted)),
+            tuple(
+                guard
+                for guard in self.guards
+                if related_folder(name(guard.folder), wanted)
+                or (guard.campaign is not None and name(guard.campaign).is_relative_to(wanted))
+            ),
+        )
 
     def guards_of(self, campaign: OperatorPlace) -> tuple[OperatorPlace, ...]:
         """Return the guards' records of a campaign's runs."""
@@ -143,6 +149,11 @@ class CampaignRecord:
 def related_folder(one: Path, other: Path) -> bool:
     """Return whether one recorded folder contains the other."""
     return one.is_relative_to(other) or other.is_relative_to(one)
+
+
+def real_folder(folder: Path) -> Path:
+    """Return a folder by the name that it has without links."""
+    return Path(os.path.realpath(folder))
 
 
 def _campaign_folder(guard: OperatorPlace, campaigns: Iterable[Path]) -> Path:

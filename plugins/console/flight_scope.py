@@ -5,6 +5,7 @@ from pathlib import Path
 from wil_campaign.orchestrator.operator.campaign_records import (
     OperatorPlaces,
     operator_places,
+    real_folder,
     related_folder,
 )
 
@@ -64,7 +65,7 @@ class FlightScope:
                 return False
             if not self._is_own(run):
                 return False
-        return self._folder is None or related_folder(run, self._folder)
+        return self._folder is None or related_folder(real_folder(run), real_folder(self._folder))
 
     def _is_own(self, folder: Path) -> bool:
         return any(folder.is_relative_to(path) for path in self._own)

@@ -25,7 +25,9 @@ NAV_RETURN_TO_LAUNCH = 20
 NAV_LAND = 21
 NAV_TAKEOFF = 22
 DO_ORBIT = 34
+CONDITION_YAW = 115
 DO_SET_MODE = 176
+DO_CHANGE_SPEED = 178
 DO_FLIGHTTERMINATION = 185
 DO_REPOSITION = 192
 DO_PAUSE_CONTINUE = 193
@@ -43,7 +45,7 @@ _FORCE = 21196
 
 _heartbeat = struct.Struct("<IBBBBB")
 _local_position = struct.Struct("<Iffffff")
-_command = struct.Struct("<ff20xHB")
+_command = struct.Struct("<fff16xHB")
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,6 +65,7 @@ class CommandFields:
     param1: float
     param2: float
     system: int = 0
+    param3: float = 0.0
 
     @property
     def arms(self) -> bool:
@@ -110,14 +113,19 @@ def read_local_position(frame: MavlinkFrame) -> tuple[Vec3, Vec3] | None:
 
 def read_command(frame: MavlinkFrame) -> CommandFields:
     """Return the fields of a COMMAND_LONG or COMMAND_INT."""
-    param1, param2, number, system = _command.unpack(_payload(frame, 31))
+    param1, param2, param3, number, system = _command.unpack(_payload(frame, 31))
     # round() of NaN raises; in commands NaN means that no value is given.
-    return CommandFields(number, param1, 0.0 if not math.isfinite(param2) else param2, system)
+    return CommandFields(number, param1, param2 if math.isfinite(param2) else 0.0, system, param3)
 
 
 def command_in_frame(frame: MavlinkFrame) -> CommandFields | None:
     """Return the command in a MAVLink frame; None when it has none."""
     return read_command(frame) if frame.message_id in {COMMAND_LONG, COMMAND_INT} else None
+
+
+def read_set_mode(frame: MavlinkFrame) -> int:
+    """Return the custom mode of a SET_MODE."""
+    return int.from_bytes(_payload(frame, 4), "little")
 
 
 def read_parameter(frame: MavlinkFrame) -> str:

@@ -100,6 +100,8 @@ class _View:
     """Stalls since the vehicle was first commanded to land."""
     stalled: bool
     """Whether a stall was detected in this step."""
+    progresses: bool
+    """Whether this step shows progress: the vehicle sinks, or is on its way home."""
     landing: FlightMode
     level_s: float
     """How long the vehicle has not descended in this phase."""
@@ -204,7 +206,10 @@ _TABLE: dict[ContingencyPhase, tuple[_Step, ...]] = {
     ContingencyPhase.DISARM: (
         _Step(lambda v: v.facts.landed is False, ContingencyPhase.HOLD, "it is in the air again"),
     ),
-    ContingencyPhase.TERMINATE: (),
+    # What cuts motors arrives late where a link was open in one direction only.
+    ContingencyPhase.TERMINATE: (
+        _Step(lambda v: v.progresses, ContingencyPhase.DESCEND, "it comes down after all"),
+    ),
     ContingencyPhase.DOWN: (
         _Step(lambda v: v.facts.armed is True, ContingencyPhase.HOLD, "it is armed again"),
     ),
@@ -220,6 +225,15 @@ _REPEATED: dict[ContingencyPhase, tuple[ContingencyAction, ...]] = {
 }
 """Sent on entering a phase, and again every `retry_s` while it lasts."""
 
+_WATCHED = frozenset(
+    {
+        ContingencyPhase.LAND,
+        ContingencyPhase.DESCEND,
+        ContingencyPhase.SUPERVISE,
+        ContingencyPhase.TERMINATE,
+    }
+)
+"""In which progress is looked for."""
 _STREAMING = frozenset({ContingencyPhase.PAUSE, ContingencyPhase.HOLD, ContingencyPhase.LAND})
 _NO_STREAM_IN = frozenset({FlightMode.HOLD, FlightMode.LAND, FlightMode.RTL})
 
@@ -283,13 +297,15 @@ class Contingency:
 
     def _advance(self, facts: ContingencyFacts, t_s: float) -> None:
         # One phase a step: the actions of a phase are sent before it is left.
-        stalled = self._find_stall(facts, t_s)
+        progresses = self._progresses(facts, t_s)
+        stalled = not progresses and self._find_stall(facts, t_s)
         view = _View(
             facts=facts,
             plan=self.plan,
             elapsed_s=t_s - self._entered_s,
             stalls=self._stalls,
             stalled=stalled,
+            progresses=progresses,
             landing=self._landing,
             level_s=t_s - self._lower_s,
             overruled=self._overruled,
@@ -312,31 +328,32 @@ class Contingency:
         self._progress_s = None
         self._lower_s = t_s
 
-    def _find_stall(self, facts: ContingencyFacts, t_s: float) -> bool:
-        """Return whether fresh positions show no progress for `stall_s`; count the stall."""
-        if self.phase not in {
-            ContingencyPhase.LAND,
-            ContingencyPhase.DESCEND,
-            ContingencyPhase.SUPERVISE,
-        }:
-            return False
-        if not self._fresh(facts, t_s):
+    def _progresses(self, facts: ContingencyFacts, t_s: float) -> bool:
+        """Return whether fresh positions show progress, which forgives earlier stalls."""
+        if self.phase not in _WATCHED or not self._fresh(facts, t_s):
             # Without fresh positions a stall cannot be shown: its time starts again.
             self._progress_s = None
+        if self._progress_s is None:
             return False
-        sinks = self._progress_s is not None and self._sinks(facts)
-        moves = sinks or (self._progress_s is not None and self._is_on_its_way(facts))
+        sinks = self._sinks(facts)
         if sinks:
             self._lower_s = t_s
-        if self._progress_s is None or moves:
-            self._stalls = 0 if moves else self._stalls
-            self._lowest_m, self._progress_s = facts.up_m, t_s
+        if not sinks and not self._is_on_its_way(facts):
             return False
-        if t_s - self._progress_s < self.plan.stall_s:
+        self._stalls = 0
+        self._lowest_m, self._progress_s = facts.up_m, t_s
+        return True
+
+    def _find_stall(self, facts: ContingencyFacts, t_s: float) -> bool:
+        """Return whether fresh positions show no progress for `stall_s`; count the stall."""
+        if self.phase not in _WATCHED or not self._fresh(facts, t_s):
+            return False
+        since_s = self._progress_s
+        if since_s is not None and t_s - since_s < self.plan.stall_s:
             return False
         self._lowest_m, self._progress_s = facts.up_m, t_s
-        self._stalls += 1
-        return True
+        self._stalls += since_s is not None
+        return since_s is not None
 
     def _fresh(self, facts: ContingencyFacts, t_s: float) -> bool:
         known = facts.up_m is not None and facts.seen_s is not None

@@ -59,6 +59,7 @@ from wil_campaign.vehicles.mavlink.fields import (
     LOCAL_POSITION_NED,
     SET_MODE,
     command_in_frame,
+    read_set_mode,
 )
 from wil_campaign.vehicles.mavlink.framing import MavlinkFrame
 from wil_campaign.vehicles.poses.anchor import Anchor
@@ -396,7 +397,7 @@ class GuardCore:
             return True
         command = command_in_frame(frame)
         if command is None:
-            supervised.seen.note_mode_request(t_s)
+            supervised.seen.note_mode_request(read_set_mode(frame), t_s)
             return True
         if command.cuts_motors and not supervised.vehicle.may_terminate:
             return False

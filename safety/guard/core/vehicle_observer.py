@@ -1,6 +1,8 @@
 """The guard's knowledge of one vehicle, from the vehicle's own frames and from positions."""
 
 import math
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Literal
 
@@ -11,9 +13,13 @@ from wil_campaign.safety.guard.core.frozen_source import FrozenSource
 from wil_campaign.safety.guard.core.velocity_command import VelocityCommand
 from wil_campaign.vehicles.autopilots.autopilot import FlightMode
 from wil_campaign.vehicles.mavlink.fields import (
+    CONDITION_YAW,
+    DO_CHANGE_SPEED,
+    DO_REPOSITION,
     EXTENDED_SYS_STATE,
     HEARTBEAT,
     LOCAL_POSITION_NED,
+    NAV_TAKEOFF,
     CommandFields,
     HeartbeatFields,
     read_heartbeat,
@@ -34,6 +40,12 @@ that reports disarmed may be a replay, or of another vehicle with the same syste
 flight."""
 _REPORTED_S = 0.3
 """After how long without a position from the orchestrator the vehicle's own estimate counts."""
+_MODES_OF: Mapping[int, tuple[FlightMode, ...]] = {
+    CONDITION_YAW: (),
+    DO_CHANGE_SPEED: (),
+    DO_REPOSITION: (FlightMode.HOLD, FlightMode.GUIDED),
+}
+"""The modes in which commands result that a program under test may repeat all the time."""
 _RISEN_M = 0.5
 """A vehicle that is so much above where it stood has left the ground, whatever its height errs by;
 below, no floor of a fence is needed: the ground is there."""
@@ -87,10 +99,12 @@ class ObservedVehicle:
         """Its local frame in the world; with it, its LOCAL_POSITION_NED is a position source."""
         self._mode_name = ""
         self._critical = False
-        self._requested_s: float | None = None
+        self._requested_s = dict.fromkeys(FlightMode, -math.inf)
+        self._mode_commands = dict(_mode_commands(vehicle))
         self._resumed_s: float | None = None
         self._arm_requested_s: float | None = None
         self._armed_s: float | None = None
+        self._stored_m: Vec3 | None = None
         self._up_m: float | None = None
         self._speed_m_s: float | None = None
         self._seen_s: float | None = None
@@ -136,13 +150,13 @@ class ObservedVehicle:
 
     def note_command(self, command: CommandFields, t_s: float) -> None:
         """Record a forwarded command of the orchestrator: its effect is expected."""
-        self._requested_s = t_s
+        self._requested_s.update(dict.fromkeys(self._modes_of(command), t_s))
         if command.arms:
             self._arm_requested_s = t_s
 
-    def note_mode_request(self, t_s: float) -> None:
+    def note_mode_request(self, custom_mode: int, t_s: float) -> None:
         """Record that the orchestrator requested a mode by SET_MODE."""
-        self._requested_s = t_s
+        self._requested_s[self._vehicle.autopilot.mode_of(custom_mode)] = t_s
 
     def note_setpoint(self, setpoint: Setpoint | None, t_s: float) -> None:
         """Record a forwarded setpoint, world frame; None for one that the guard cannot read."""
@@ -273,9 +287,7 @@ class ObservedVehicle:
     def _is_unrequested(
         self, old: FlightMode, new: FlightMode, t_s: float, commanded: frozenset[FlightMode] | None
     ) -> bool:
-        requested = (
-            self._requested_s is not None and t_s - self._requested_s <= self._settings.asked_s
-        )
+        requested = t_s - self._requested_s[new] <= self._settings.asked_s
         if commanded is not None:
             # The effect of a request just before the guard took over may be reported only now; a
             # landing that follows the operator's hold is the autopilot's own.
@@ -290,7 +302,29 @@ class ObservedVehicle:
             return old not in _LAND_AFTERWARDS
         return old is FlightMode.GUIDED
 
+    def _modes_of(self, command: CommandFields) -> Iterable[FlightMode]:
+        """Return the modes in which a command may result: any where that is not known."""
+        if command.number == NAV_TAKEOFF:
+            return self._vehicle.autopilot.takeoff_modes
+        mode = self._mode_commands.get(command)
+        return _MODES_OF.get(command.number, FlightMode) if mode is None else (mode,)
+
     def _store_sample(self, position_m: Vec3, velocity_m_s: Vec3, t_s: float) -> None:
-        self._up_m = -position_m[2]
+        received_s = self.last_received_s
+        is_silent = received_s is None or t_s - received_s > _FRESH_S
+        if is_silent and position_m == self._stored_m:
+            return  # Nothing shows whether the source is frozen: a stall would cut motors.
+        self._stored_m, self._up_m = position_m, -position_m[2]
         self._speed_m_s = norm(velocity_m_s)
         self._seen_s = t_s
+
+
+def _mode_commands(vehicle: GuardedVehicle) -> Iterator[tuple[CommandFields, FlightMode]]:
+    """Yield the commands that set a vehicle's modes."""
+    for mode in FlightMode:
+        with suppress(ValueError):
+            one = vehicle.autopilot.set_mode(vehicle.target, mode)
+            command = CommandFields(
+                one.command, one.param1, one.param2, one.target_system, one.param3
+            )
+            yield command, mode

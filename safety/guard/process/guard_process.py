@@ -43,6 +43,7 @@ from wil_campaign.safety.guard.core.commands import (
     VehicleGone,
 )
 from wil_campaign.safety.guard.core.events import EventKind, GuardEvent, unrecorded_event
+from wil_campaign.safety.guard.core.operator_command import OperatorCommand
 from wil_campaign.safety.guard.local_guard import TICK_HZ, GuardLinks, LocalGuard
 from wil_campaign.safety.guard.operator.operator_requests import OperatorOrders
 from wil_campaign.safety.guard.operator.operator_socket import POINTER, OperatorSocket
@@ -447,9 +448,11 @@ class GuardProcess:
         self._over.set()
 
     def _on_end_request(self, number: signal.Signals) -> None:
-        """Handle SIGTERM of a machine that shuts down; SIGHUP, SIGINT are ignored."""
+        """Abort on SIGTERM, of an operator or a machine that shuts down; ignore SIGHUP, SIGINT."""
         self._note("signal", text=number.name)
         if number == signal.SIGTERM:
+            if self._guarding:
+                self._guard.send(OperatorAction(OperatorCommand("abort", number.name)))
             self._over.set()
 
     def _on_task_error(self, _: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:

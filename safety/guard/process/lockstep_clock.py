@@ -65,6 +65,7 @@ class LockstepClock(RunClock):
         for name in self._setup.followers:
             if lockstep.is_silent(name, wall_s, STALL_S):
                 lockstep.leave(name)
+                lockstep.extend(wall_s)  # else those that waited for it would be next
                 self._report_stall(name)
         patience_s = HURRY_S if self._took_over() else STALL_S
         if lockstep.is_silent(ORCHESTRATOR, wall_s, patience_s):

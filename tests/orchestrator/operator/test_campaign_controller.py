@@ -11,10 +11,14 @@ import pytest
 
 from tests.orchestrator.operator.controllers import FakeFleet, make_controller
 from wil_campaign.orchestrator.operator.campaign_controller import CampaignController
-from wil_campaign.orchestrator.operator.campaign_records import OperatorPlace, operator_places
+from wil_campaign.orchestrator.operator.campaign_records import (
+    OperatorPlace,
+    OperatorPlaces,
+    operator_places,
+)
 from wil_campaign.orchestrator.operator.errors import OperatingError
 from wil_campaign.orchestrator.operator.operator_channels import open_operator_channels
-from wil_campaign.orchestrator.operator.run_messages import RunProgressReport
+from wil_campaign.orchestrator.operator.run_messages import FlightPlace, RunProgressReport
 from wil_campaign.orchestrator.run_results.run_result import RunResult, SyncResult
 from wil_campaign.safety.guard.core.operator_command import OperatorCommand
 from wil_campaign.safety.guard.operator.operator_lines import RefusedLineError
@@ -106,6 +110,26 @@ def test_a_run_that_a_pilot_ended_ends_the_campaign(tmp_path: Path) -> None:
     assert controller.status()["finished"] == {"large/wil/1": "PASS", "large/wil/2": "ABORTED"}
 
 
+def test_an_abort_of_a_bench_between_two_of_its_runs_bars_the_next(tmp_path: Path) -> None:
+    """While a person at the bench puts the vehicle back nothing flies there, but more will."""
+    fleet = FakeFleet()
+    controller = make_controller(tmp_path, fleet)
+    hall = replace(ABORT, bench="hall")
+    with pytest.raises(RefusedLineError, match="no run flies on bench hall"):
+        controller.obey(hall)
+    controller.begun("large/wil/1", FlightPlace("desk", "hall"))
+    controller.finished(RESULT)
+    assert controller.obey(hall) == (
+        "0 runs on bench hall will land, and no further run is flown there"
+    )
+    assert [(one.kind, one.bench) for one in fleet.aborted] == [("abort", "hall")]
+    assert (controller.stopped, controller.ended_by) == (None, "command")
+    assert controller.acknowledged is not None
+    assert controller.acknowledged.command.bench == "hall"
+    with pytest.raises(RefusedLineError, match="attic; nodes and benches with runs: bench hall on"):
+        controller.obey(replace(ABORT, bench="attic"))
+
+
 def test_a_log_that_cannot_be_written_does_not_keep_an_abort(tmp_path: Path) -> None:
     fleet = FakeFleet()
     make_controller(tmp_path / "gone", fleet).obey(ABORT)
@@ -133,6 +157,27 @@ async def test_a_campaign_says_on_its_machine_that_it_flies(tmp_path: Path, runt
         assert operator_places().beneath(tmp_path.parent / "other").campaigns == ()
     assert operator_places().campaigns == ()
     assert left(runtime) == []
+
+
+async def test_a_campaign_is_found_by_any_name_of_its_folder(
+    tmp_path: Path, runtime: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A shell in a folder behind a link has another name for it than the one that was given."""
+    (tmp_path / "disk" / "gate").mkdir(parents=True)
+    link = tmp_path / "results"
+    link.symlink_to("disk")
+    for given in (link / "gate", tmp_path / "disk" / ".." / "results" / "gate"):
+        async with open_operator_channels(make_controller(given, FakeFleet())):
+            (place,) = operator_places().campaigns
+            guard = OperatorPlace("1", given / "1", given / "1.sock", campaign=given)
+            flying = OperatorPlaces(
+                (place,), (guard, replace(guard, folder=tmp_path / "x", campaign=None))
+            )
+            for other in (tmp_path / "disk" / "gate", link, tmp_path / "disk" / "gate" / "1"):
+                assert flying.beneath(other) == OperatorPlaces((place,), (guard,)), (given, other)
+            monkeypatch.chdir(link / "gate")
+            assert flying.beneath(Path()) == OperatorPlaces((place,), (guard,))
+            assert flying.beneath(tmp_path / "x") == OperatorPlaces((), (flying.guards[1],))
 
 
 async def test_records_of_a_killed_campaign_are_removed(tmp_path: Path, runtime: Path) -> None:

@@ -96,3 +96,14 @@ def test_a_folder_s_console_is_for_what_is_in_it_or_around_it(tmp_path: Path) ->
     for folder in (tmp_path, tmp_path / "gate", run):
         assert FlightScope(folder=folder).covers(str(run))
     assert not FlightScope(folder=tmp_path / "avoid").covers(str(run))
+
+
+def test_a_folder_s_console_is_for_it_by_any_of_its_names(tmp_path: Path) -> None:
+    (tmp_path / "disk").mkdir()
+    link = tmp_path / "results"
+    link.symlink_to("disk")
+    scope = FlightScope(folder=tmp_path / "disk")
+    with CampaignRecord(name="gate", folder=link / "gate"):
+        assert [one.name for one in scope.places().campaigns] == ["gate"]
+    assert scope.covers(str(link / "gate" / "1"))
+    assert not scope.covers(str(tmp_path / "gate" / "1"))

@@ -170,7 +170,8 @@ def sink(
     for i in range(round(seconds * 20)):
         t_s = since_s + i / 20
         up_m = 50.0 - rate * i / 20
-        sent.update(c.step(replace(facts, up_m=up_m, seen_s=t_s, speed_m_s=rate), t_s))
+        facts_then = replace(facts, up_m=up_m, seen_s=t_s, speed_m_s=abs(rate))
+        sent.update(c.step(facts_then, t_s))
     return sent
 
 
@@ -221,6 +222,32 @@ def test_progress_forgives_earlier_stalls() -> None:
 
 
 RTL = replace(FLYING, mode=FlightMode.RTL, failsafe=True)
+
+
+def hopeless(facts: ContingencyFacts) -> Contingency:
+    """Return a contingency that cuts the motors, of which nothing has arrived."""
+    c = at_phase(ContingencyPhase.LAND, plan=ContingencyPlan(terminate=True))
+    assert ContingencyAction.TERMINATE in sink(c, facts, since_s=0.05, seconds=16.0, rate=0.0)
+    return c
+
+
+@pytest.mark.parametrize(
+    ("facts", "rate", "phase"),
+    [
+        (LANDING, 0.5, ContingencyPhase.DESCEND),
+        (RTL, -0.5, ContingencyPhase.SUPERVISE),
+        # Its heartbeats are lost.
+        (replace(FLYING, mode=FlightMode.HOLD), 0.5, ContingencyPhase.LAND),
+    ],
+)
+def test_motors_are_not_cut_any_more_once_it_comes_down(
+    facts: ContingencyFacts, rate: float, phase: ContingencyPhase
+) -> None:
+    """What cuts them may arrive late, by a link that was open in one direction only."""
+    c = hopeless(replace(FLYING, mode=FlightMode.HOLD))
+    sink(c, facts, since_s=20.0, seconds=1.0, rate=rate)
+    assert ContingencyAction.TERMINATE not in sink(c, facts, since_s=21.0, seconds=2.0, rate=rate)
+    assert c.phase is phase
 
 
 def test_a_failsafe_that_moves_is_left_alone() -> None:

@@ -237,6 +237,37 @@ def test_motors_are_cut_as_the_campaign_allows(
     assert "TERMINATE" not in pair.vehicles["twin"].words()
 
 
+def test_motors_of_a_vehicle_that_lands_by_itself_meanwhile_are_not_cut(
+    fake_vehicle: Any, rig: Any
+) -> None:
+    """Its link is open in one direction: nothing of the abort arrives until its failsafe lands."""
+    pair = make_pair(fake_vehicle, rig, real={"up_m": 5.0}, attached=True, terminate=True)
+    real = pair.vehicles["real"]
+    real.deaf = True
+    abort(pair)
+    pair.fly(20.0)
+    real.mode = FlightMode.LAND
+    pair.fly(4.0)
+    real.deaf = False
+    pair.fly(20.0)
+    assert "TERMINATE" not in real.words()
+    assert (real.up_m, pair.core.all_down) == (0.0, True)
+
+
+def test_motors_are_not_cut_by_a_place_that_repeats_while_its_vehicle_is_silent(
+    fake_vehicle: Any, rig: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It hears all of it, and sinks; its pose source stands where it was when its link fell."""
+    pair = make_pair(fake_vehicle, rig, real={"up_m": 15.0}, attached=True, terminate=True)
+    real = pair.vehicles["real"]
+    real.mute = True
+    stands = real.sample(pair.t_s)
+    monkeypatch.setattr(real, "sample", lambda t_s: stands._replace(t_s=t_s))
+    pair.fly(60.0)
+    assert "TERMINATE" not in real.words()
+    assert (real.up_m, real.armed) == (0.0, False)
+
+
 def test_an_unreported_landing_still_ends_disarmed(fake_vehicle: Any, rig: Any) -> None:
     pair = make_pair(fake_vehicle, rig, real={"tells_landed": False, "disarms": False})
     abort(pair)

@@ -11,6 +11,7 @@ from tests.safety.guard.guard_rigs import (
     mode_command,
     to_orchestrator,
 )
+from tests.vehicles.px4_modes import px4_custom_mode
 from wil_campaign.safety.guard.core.contingency import ContingencyPhase
 from wil_campaign.vehicles.autopilots.autopilot import FlightMode
 
@@ -135,6 +136,59 @@ def test_a_mode_that_the_orchestrator_asked_for_is_no_failsafe(pair: Any, mode: 
     pair.fly(1.1)
     assert pair.vehicles["real"].mode is mode
     assert pair.core.latched is None
+
+
+@pytest.mark.parametrize("name", ["real", "twin"])
+@pytest.mark.parametrize(
+    ("asked", "mode"), [(FlightMode.GUIDED, FlightMode.RTL), (FlightMode.HOLD, FlightMode.LAND)]
+)
+def test_a_failsafe_beside_a_request_of_another_mode_is_seen(
+    pair: Any, name: str, asked: FlightMode, mode: FlightMode
+) -> None:
+    """A low battery does not wait until a command of the orchestrator is seconds old."""
+    vehicle = pair.vehicles[name]
+    request = vehicle.autopilot.set_mode(vehicle.target, asked)
+    to_orchestrator(pair, name, DRIVER.pack(request))
+    pair.fly(1.1)
+    assert (vehicle.mode, pair.core.latched) == (asked, None)
+    vehicle.mode = mode
+    pair.fly(0.1)
+    assert pair.core.latched == "failsafe"
+
+
+def test_a_failsafe_beside_a_takeoff_is_seen(pair: Any) -> None:
+    real = pair.vehicles["real"]
+    to_orchestrator(pair, "real", command(mavlink.MAV_CMD_NAV_TAKEOFF))
+    real.mode = FlightMode.TAKEOFF
+    pair.fly(1.1)
+    assert pair.core.latched is None
+    real.mode = FlightMode.RTL
+    pair.fly(0.1)
+    assert pair.core.latched == "failsafe"
+
+
+@pytest.mark.parametrize(
+    "frame",
+    [
+        command(mavlink.MAV_CMD_CONDITION_YAW, 90.0),
+        command(mavlink.MAV_CMD_DO_CHANGE_SPEED, 1.0, 2.0),
+        command(mavlink.MAV_CMD_DO_REPOSITION),
+        DRIVER.pack(mavlink.MAVLink_set_mode_message(1, 1, px4_custom_mode(6, 0))),
+        mode_command(FlightMode.GUIDED),
+    ],
+    ids=["CONDITION_YAW", "DO_CHANGE_SPEED", "DO_REPOSITION", "SET_MODE", "DO_SET_MODE"],
+)
+def test_a_failsafe_is_seen_whatever_a_program_repeats(pair: Any, frame: bytes) -> None:
+    """Programs turn the vehicle and set its speed by commands, many of them each second."""
+    for _ in range(4):
+        to_orchestrator(pair, "real", frame)
+        pair.fly(1.0)
+    assert pair.core.latched is None
+    pair.vehicles["real"].mode = FlightMode.RTL
+    to_orchestrator(pair, "real", frame)
+    pair.vehicles["real"].mode = FlightMode.RTL
+    pair.fly(0.1)
+    assert pair.core.latched == "failsafe"
 
 
 def test_a_whole_flight_of_the_orchestrator_s_is_not_disturbed(fake_vehicle: Any, rig: Any) -> None:

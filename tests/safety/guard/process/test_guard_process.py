@@ -275,6 +275,17 @@ async def test_the_operators_socket(folder: Path) -> None:
     assert refused == ["anna: resume: no vehicle holds", "the line is not JSON"]
 
 
+async def test_a_signal_to_the_guard_is_an_abort_and_no_end_of_the_orchestrator(
+    folder: Path,
+) -> None:
+    """`wil-campaign abort` signals a guard whose socket does not answer."""
+    async with RemoteFlight(folder) as flight:
+        os.kill(flight.guard.pid, signal.SIGTERM)
+        assert await flight.guard.all_down(60.0)
+        told = [event for event in flight.guard.events if decisive_guard_event(event) is not None]
+    assert (told[0].kind, told[0].text) == ("abort", "aborted by SIGTERM")
+
+
 async def test_the_socket_works_without_an_orchestrator(folder: Path) -> None:
     program, pids = await start_orchestrator(folder)
     program.send_signal(signal.SIGSTOP)

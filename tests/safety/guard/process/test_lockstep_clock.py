@@ -83,6 +83,15 @@ def test_a_vehicle_that_hangs_is_reported_once_and_waited_for_no_more() -> None:
     led(test)
 
 
+def test_a_vehicle_that_waited_for_one_that_hangs_is_in_no_trouble() -> None:
+    def test(wall: Wall) -> None:
+        wall.steps(1.0)
+        wall.steps(STALL_S + 1.0, real=1.0)
+        assert [trouble.vehicle for trouble in wall.troubles] == ["real"]
+
+    led(test)
+
+
 def test_a_hanging_orchestrator_is_no_trouble_of_a_vehicle_and_is_awaited_again() -> None:
     def test(wall: Wall) -> None:
         wall.steps(1.0)
