@@ -121,9 +121,9 @@ def granted_to_guard() -> tuple[str, bool]:
 
     Tried in a short process.
     """
-    names = "rise_above_load, stay_in_memory"
+    names = "raise_process_priority, lock_process_memory"
     program = f"from wil_campaign.foundation.processes.linux import {names}; "
-    program += "print(rise_above_load(), stay_in_memory(), sep='\\n')"
+    program += "print(raise_process_priority(), lock_process_memory(), sep='\\n')"
     result = subprocess.run(  # noqa: S603 - this interpreter
         [sys.executable, "-P", "-c", program], capture_output=True, check=False, text=True
     )

@@ -23,7 +23,7 @@ def gate() -> Campaign:
     return load_campaign(_ROOT / "campaigns" / "gate.yaml", ExpansionOptions(modes=("wil",)))
 
 
-@pytest.mark.parametrize("missing", ["estimate", "write_ids"])
+@pytest.mark.parametrize("missing", ["estimate_motion", "write_ids"])
 def test_each_kernel_that_a_flight_lacks_is_announced(
     gate: Campaign, monkeypatch: pytest.MonkeyPatch, missing: str
 ) -> None:

@@ -243,7 +243,7 @@ def test_a_campaign_flown_without_arming_is_not_resumed(
 def test_a_disk_that_fills_up_ends_the_campaign_with_a_sentence(
     campaign: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    write: Any = vars(campaign_folder)["write_whole"]
+    write: Any = vars(campaign_folder)["write_atomically"]
     documents: list[str] = []
 
     def until_full(path: Path, content: str | bytes) -> None:

@@ -44,11 +44,11 @@ def test_a_kernel_is_cached_once_it_was_compiled(
     "kept",
     [
         (),
-        ("estimate",),
+        ("estimate_motion",),
         ("write_ids",),
-        ("mark",),
-        ("write_ids", "mark"),
-        ("estimate", "write_ids"),
+        ("mark_hsv_pixels",),
+        ("write_ids", "mark_hsv_pixels"),
+        ("estimate_motion", "write_ids"),
     ],
 )
 def test_the_run_server_compiles_nothing(
@@ -59,8 +59,8 @@ def test_the_run_server_compiles_nothing(
     monkeypatch.setattr(warm_up, "load_kernels", lambda: loaded.append("estimate"))
     monkeypatch.setattr(warm_up, "load_rendering", lambda: loaded.append("rendering"))
     warm_up.load_kept_kernels()
-    assert ("estimate" in loaded) == ("estimate" in kept)
-    assert ("rendering" in loaded) == ({"write_ids", "mark"} <= {*kept})
+    assert ("estimate" in loaded) == ("estimate_motion" in kept)
+    assert ("rendering" in loaded) == ({"write_ids", "mark_hsv_pixels"} <= {*kept})
 
 
 def setup_of_gate(folder: Path) -> RunSetup:
@@ -109,4 +109,4 @@ def test_the_kernels_that_measure_a_mesh_are_loaded_before_the_flight(
     shape = Shape("mesh", mesh, (SolidPart("surface", surface, AT_ORIGIN),))
     scene = Scene((SceneObject(1, "mesh", shape, Pose(at)),))
     warm_up.warm_up(replace(setup_of_gate(tmp_path), virtual_scene=scene))
-    assert called == {"surface_distance", "swept_beyond"}
+    assert called == {"surface_distance", "is_swept_beyond"}
