@@ -59,6 +59,7 @@ def compose_campaigns(
             warnings += error.warnings
     if problems:
         raise BadInput(unique_problems(problems), unique_problems(warnings))
+    _require_distinct(document, whole)
     _require_known(document, part, whole)
     chosen = _choose(whole, options.cases)
     parts, left_out = {}, []
@@ -115,6 +116,17 @@ def _part_options(
 
 def _case_names(campaign: "Campaign") -> tuple[str, ...]:
     return (*campaign.cases, *dict.fromkeys(plan.case for plan in campaign.controls))
+
+
+def _require_distinct(document: Document, parts: Mapping[str, "Campaign"]) -> None:
+    """Raise BadInput where cases of two parts would share a name, and so a folder."""
+    owners: dict[str, str] = {}
+    for name, campaign in parts.items():
+        for case in _case_names(campaign):
+            full = f"{name}.{case}"
+            if (other := owners.setdefault(full, name)) != name:
+                message = f"'{name}' and '{other}' both have '{full}'; rename a part"
+                raise BadInput([document.problem(("campaigns", name), message, key=True)])
 
 
 def _require_known(

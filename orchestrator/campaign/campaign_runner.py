@@ -121,6 +121,7 @@ def fly_campaign(
         flight = _Flight(
             campaign, options, cleared, watcher, folder=folder, before=before, files=files
         )
+        flight.set_surplus_aside()  # a kill may have come before that
         # From the beginning there is a summary of the runs so far, also in place of an old one.
         flight.write_summary()
         asyncio.run(flight.fly())
@@ -378,8 +379,11 @@ class _Flight:
         """Return whether a run counts by what is known now."""
         return plan.name in {run_plan.name for run_plan in self._due()}
 
-    def _set_surplus_aside(self) -> None:
-        """Set aside runs that were in flight when an earlier repetition decided."""
+    def set_surplus_aside(self) -> None:
+        """Set aside runs that were in flight when an earlier repetition decided.
+
+        Raises OutputError.
+        """
         due = {plan.name for plan in self._due()}
         for name in [name for name in self._results if name not in due]:
             del self._results[name]
@@ -420,7 +424,7 @@ class _Flight:
         following = self._retry_run(order, result)
         if following is None:
             self._results[order.plan.name] = result
-            self._set_surplus_aside()
+            self.set_surplus_aside()
         self.write_summary()
         flown = result.duration_s is not None or isinstance(outcome, WorkerLost)
         if following is None:

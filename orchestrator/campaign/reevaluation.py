@@ -80,16 +80,20 @@ def judge_campaign_again(campaign: Campaign, folder: Path) -> Judgement:
         first = campaign.plans[0].name
         raise RecordingError(f"{folder} has no run of this campaign, such as {first}")
     flown = _document(folder / "campaign.json")
+    _require_all_repetitions(campaign, flown, folder)
     _require_same_worlds(recorded, flown, folder)
     now = judging_manifest(campaign, flown)
     before = _summary_of_flight(folder / "summary.json")
     rejudged = tuple(judge_run_again(plan, folder / plan.name) for plan in recorded)
-    runs = [each.now for each in rejudged]
-    by_name = {f"{run.case}/{run.mode}/{run.rep}": run for run in runs}
-    due = runs_due(campaign.plans, campaign.test, by_name)
+    by_name = {plan.name: each for plan, each in zip(recorded, rejudged, strict=True)}
+    now_by_name = {name: each.now for name, each in by_name.items()}
+    due = runs_due(campaign.plans, campaign.test, now_by_name)
     absent = [plan for plan in due if plan.name not in by_name]
+    counted = tuple(by_name[plan.name] for plan in due if plan.name in by_name)
+    _require_own_summary(before, counted, folder)
+    runs = [each.now for each in counted]
     return Judgement(
-        rejudged,
+        counted,
         _summary(campaign, before, runs, absent),
         exit_code(
             runs,
@@ -152,6 +156,22 @@ def _summary_of_flight(path: Path) -> Summary:
         ) from error
 
 
+def _require_own_summary(summary: Summary, runs: Iterable[Reevaluation], folder: Path) -> None:
+    """Raise RecordingError for a summary of other flights; one that was cut off lacks some."""
+    stated = {_name_of(run): run.verdict for run in (*summary.runs, *summary.controls)}
+    for run in (each.before for each in runs):
+        missing = run.verdict if summary.broken is None else None
+        if stated.get(_name_of(run), missing) != run.verdict:
+            raise RecordingError(
+                f"{folder / 'summary.json'} is not of the flight of {_name_of(run)}: restore the "
+                "file, or fly the campaign again"
+            )
+
+
+def _name_of(run: RunResult) -> str:
+    return f"{run.case}/{run.mode}/{run.rep}"
+
+
 def _document(path: Path) -> dict[str, Any]:
     """Return a JSON document of the results folder; empty without one, or if it is damaged."""
     try:
@@ -159,6 +179,24 @@ def _document(path: Path) -> dict[str, Any]:
     except (OSError, ValueError):
         return {}
     return document if isinstance(document, dict) else {}
+
+
+def _require_all_repetitions(campaign: Campaign, manifest: Mapping[str, Any], folder: Path) -> None:
+    """Raise RecordingError where more repetitions were flown than the campaign has now."""
+    planned = {plan.name for plan in campaign.plans}
+    cells = {name.rpartition("/")[0] for name in planned}
+    beyond = {
+        name: int(repetition)
+        for name in manifest_run_values(manifest, "documents")
+        for cell, _, repetition in [name.rpartition("/")]
+        if cell in cells and repetition.isdecimal() and name not in planned
+        if (folder / name).is_dir()
+    }
+    if beyond:
+        raise RecordingError(
+            f"{folder} has {len(beyond)} runs that would not be judged, such as "
+            f"{next(iter(beyond))}: give --repetitions {max(beyond.values())}"
+        )
 
 
 def _require_same_worlds(
@@ -189,6 +227,8 @@ def judge_run_again(plan: RunPlan, folder: Path) -> Reevaluation:
         before = read_result(folder / "result.json")
     except ResultError as error:
         raise RecordingError(str(error)) from error
+    if _name_of(before) != plan.name:
+        raise RecordingError(f"{folder / 'result.json'} is of another run")
     events = RunHistory()
     setup = RunSetup.of(RunOrder(plan=plan, folder=folder, clock="virtual"))
     judge = build_judge(setup, events)

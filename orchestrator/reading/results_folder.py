@@ -2,7 +2,7 @@
 
 import json
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import cache
 from pathlib import Path
 from typing import Any, TypeVar
@@ -22,6 +22,7 @@ from wil_campaign.orchestrator.reading.errors import ResultsFolderError
 from wil_campaign.orchestrator.reading.model import CampaignDocuments, RunEntry
 from wil_campaign.orchestrator.run_results.campaign_results import Summary
 from wil_campaign.orchestrator.run_results.result_reader import result_model, summary_model
+from wil_campaign.orchestrator.run_results.run_result import RunResult
 
 T = TypeVar("T")
 
@@ -54,7 +55,19 @@ def read_campaign_documents(folder: Path) -> CampaignDocuments:
     summary = _read_document(
         folder / "summary.json", lambda text: _validate(summary_model(), text), problems
     )
-    entries = tuple(_entries(folder, manifest, summary))
+    names = _run_names(manifest, summary)
+    others = [name for name in _run_names_on_disk(folder) if name not in names]
+    if not names:
+        names = dict.fromkeys(filter(_is_run_name, others))  # of damaged documents
+    elif others:
+        problems.append(
+            f"not counted: {', '.join(others)}; a decision was made without them, or they are "
+            "of another campaign"
+        )
+    entries = tuple(_entries(folder, names, manifest, summary))
+    if summary is not None and (why := _contradiction(manifest, summary, entries)):
+        problems.append(f"summary.json is of other flights: {why}")
+        summary = None
     if not entries:
         problems.append("no run was started in this folder")
     unfinished = sum(entry.result is None for entry in entries)
@@ -94,22 +107,56 @@ def _require_campaign(folder: Path) -> None:
     )
 
 
-def _entries(folder: Path, manifest: dict[str, Any], summary: Summary | None) -> Iterator[RunEntry]:
+def _run_names(manifest: dict[str, Any], summary: Summary | None) -> dict[str, None]:
+    """Return the runs that count by the campaign's documents; none where both are unreadable."""
+    names = dict.fromkeys(_names_in(manifest))
+    if summary is not None:
+        flown = map(_name_of, (*summary.runs, *summary.controls))
+        due = dict.fromkeys((*flown, *summary.not_flown))
+        names |= due
+        if _names_missing(summary):
+            names = {name: None for name in names if name in due}
+    return {name: None for name in names if _is_run_name(name)}
+
+
+def _entries(
+    folder: Path, names: Iterable[str], manifest: dict[str, Any], summary: Summary | None
+) -> Iterator[RunEntry]:
     flown = () if summary is None else (*summary.runs, *summary.controls)
-    summarised = {f"{run.case}/{run.mode}/{run.rep}": run for run in flown}
-    planned = [*_names_in(manifest)]
-    if summary is not None and _names_missing(summary):
-        planned = [name for name in planned if name in {*summarised, *summary.not_flown}]
-    orders = _open_orders(folder)
-    names = [*planned, *summarised, *_run_names_on_disk(folder)]
-    for name in dict.fromkeys(name for name in names if _is_run_name(name)):
+    summarised = {_name_of(run): run for run in flown}
+    orders, seeds = _open_orders(folder), _seeds_in(manifest)
+    for name in names:
         case, mode, rep = name.split("/")
         problems: list[str] = []
         path = folder / name / "result.json"
         result = _read_document(path, lambda text: _validate(result_model(), text), problems)
+        if result is not None and (
+            _name_of(result) != name or seeds.get(name, result.seed) != result.seed
+        ):
+            problems.append(
+                f"result.json is of another run: {_name_of(result)} with seed {result.seed}"
+            )
+            result = None
         if not path.exists() and (name in orders or _is_begun(folder / name)):
             problems.append(_BEGUN)
         yield RunEntry(name, case, mode, rep, result or summarised.get(name), tuple(problems))
+
+
+def _contradiction(manifest: dict[str, Any], summary: Summary, entries: Iterable[RunEntry]) -> str:
+    """Return in words what a summary says of other flights than those in its folder."""
+    if manifest.get("campaign", summary.campaign) != summary.campaign:
+        return f"of the campaign {summary.campaign}"
+    stated = {_name_of(run): run.verdict for run in (*summary.runs, *summary.controls)}
+    others = [
+        f"{one.name} is {stated[one.name]} there and {one.result.verdict} in its result.json"
+        for one in entries
+        if one.result is not None and stated.get(one.name, one.result.verdict) != one.result.verdict
+    ]
+    return "; ".join(others)
+
+
+def _name_of(run: RunResult) -> str:
+    return f"{run.case}/{run.mode}/{run.rep}"
 
 
 def _open_orders(folder: Path) -> frozenset[str]:
@@ -132,6 +179,15 @@ def _names_in(manifest: dict[str, Any]) -> Iterator[str]:
     for run in runs if isinstance(runs, list) else ():
         if isinstance(run, dict) and isinstance(run.get("run"), str):
             yield run["run"]
+
+
+def _seeds_in(manifest: dict[str, Any]) -> dict[str, int]:
+    runs = manifest.get("runs")
+    return {
+        str(run.get("run")): run["seed"]
+        for run in (runs if isinstance(runs, list) else ())
+        if isinstance(run, dict) and isinstance(run.get("seed"), int)
+    }
 
 
 def _names_missing(summary: Summary) -> bool:

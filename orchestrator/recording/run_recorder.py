@@ -297,7 +297,7 @@ class RunRecorder:
     def _look_for_removed(self) -> None:
         """Report files that were removed: what is written into them is lost without an error."""
         if self._log.is_removed or self._trajectory.is_removed:
-            self._break(f"{self._folder} was removed")
+            self._break(f"{self._folder} was removed or moved")
 
 
 def _row(context: VehicleContext, stage: str, now_s: float) -> TrajectoryRow:

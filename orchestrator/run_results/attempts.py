@@ -18,12 +18,20 @@ def retry_due(result: RunResult, *, retries: int) -> bool:
     it an ERROR, as by its end before the goal: it may do so now and then, which a second attempt
     would hide. Nor is a control retried that ended as expected, be that INVALID or ERROR.
     """
-    if result.exceptions or result.no_retry or result.decided_by.partition("/")[0] == "autonomy":
+    if no_retry_text(result):
         return False
     if result.control is not None and result.control.met:
         return False
     spent = sum(attempt.verdict in _RETRIED for attempt in result.attempts)
     return result.verdict in _RETRIED and spent < retries
+
+
+def no_retry_text(result: RunResult) -> str:
+    """Return why a run without PASS or FAIL is not flown again; "" where it may be."""
+    if result.exceptions:
+        return f"an exception of this program: {result.exceptions[0]}"
+    is_autonomy = result.decided_by.partition("/")[0] == "autonomy"
+    return result.no_retry or (f"by its autonomy: {result.reason}" if is_autonomy else "")
 
 
 def failed_too_text(text: str) -> str:

@@ -11,7 +11,8 @@ from contextlib import contextmanager
 
 from wil_campaign.foundation.processes.linux import memory_descriptor
 
-_BYTES = 16
+_NAME_BYTES = 16
+_BYTES = _NAME_BYTES + 1
 _mark = mmap.mmap(-1, _BYTES)
 """The mark of this process; of a worker the one that its parent reads."""
 
@@ -30,7 +31,12 @@ class CallMark:
     @property
     def vehicle(self) -> str:
         """Return the vehicle whose autonomy is being called, or was at the end; "" for none."""
-        return self._mark[:].rstrip(b"\0").decode("utf-8", "replace")
+        return self._mark[:_NAME_BYTES].rstrip(b"\0").decode("utf-8", "replace")
+
+    @property
+    def has_goal(self) -> bool:
+        """Return whether that call is one that only an autonomy with its goal gets."""
+        return bool(self._mark[_NAME_BYTES])
 
 
 def adopt_call_mark(descriptor: int) -> None:
@@ -41,9 +47,12 @@ def adopt_call_mark(descriptor: int) -> None:
 
 
 @contextmanager
-def marked_autonomy_call(vehicle: str) -> Iterator[None]:
-    """Mark that the autonomy of a vehicle is called within the context."""
-    _mark[:] = vehicle.encode()[:_BYTES].ljust(_BYTES, b"\0")
+def marked_autonomy_call(vehicle: str, *, has_goal: bool = False) -> Iterator[None]:
+    """Mark that the autonomy of a vehicle is called within the context.
+
+    has_goal: the call is one that only an autonomy with its goal gets.
+    """
+    _mark[:] = vehicle.encode()[:_NAME_BYTES].ljust(_NAME_BYTES, b"\0") + bytes([has_goal])
     try:
         yield
     finally:

@@ -20,6 +20,7 @@ from wil_campaign.plugins.cluster.node_messages import (
     RunOrdered,
     RunTaken,
 )
+from wil_campaign.plugins.cluster.returned_results import without_files
 from wil_campaign.plugins.cluster.store import Store, StoreError, StoreRefusedError, open_store
 from wil_campaign.plugins.cluster.stored_runs import (
     RESULT_FILE,
@@ -87,12 +88,8 @@ class StoredResults:
             send_run(self._store, place, folder, sent)
         except (StoreError, OSError) as error:
             del self._folders[place]
-            end = outcome.reason if isinstance(outcome, WorkerLost) else f"it is {outcome.verdict}"
-            return RunEnded.of(
-                WorkerLost(
-                    f"{end}, but its files are not in the store; they are kept in {kept}: {error}"
-                )
-            )
+            where = f"not in the store; they are kept in {kept}: {error}"
+            return RunEnded.of(without_files(outcome, where))
         return RunEnded.of(outcome, sha256, kept=kept)
 
     def taken(self, message: RunTaken) -> None:

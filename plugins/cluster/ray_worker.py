@@ -24,10 +24,13 @@ from wil_campaign.plugins.cluster.node_messages import (
 )
 from wil_campaign.plugins.cluster.ray_agents import HiredAgent
 from wil_campaign.plugins.cluster.returned_results import LANDED_S, FetchedResults
+from wil_campaign.plugins.cluster.stored_runs import RESULT_FILE
 from wil_campaign.plugins.cluster.threads import call_in_daemon_thread
 from wil_campaign.safety.guard.core.operator_command import OperatorCommand
 
 _REPORT_S = 5.0
+_LANDED = "result.landed.json"
+"""The result of a run that landed because it lost its worker."""
 
 
 class RayWorker:
@@ -116,6 +119,8 @@ class RayWorker:
             return result
         if isinstance(result, str):
             why = f"{why}; {result}"
+        else:  # it does not count, and the campaign writes what counts
+            (order.folder / RESULT_FILE).rename(order.folder / _LANDED)
         self._ledger.write("lost", order.plan.name, self._agent.node, why)
         return WorkerLost(why)
 

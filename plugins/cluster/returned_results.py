@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from wil_campaign.orchestrator.campaign.workers.run_workers import WorkerLost
-from wil_campaign.orchestrator.run_results.attempts import failed_too_text
+from wil_campaign.orchestrator.run_results.attempts import failed_too_text, no_retry_text
 from wil_campaign.orchestrator.run_results.result_reader import ResultError, read_result
 from wil_campaign.orchestrator.run_results.run_result import RunResult
 from wil_campaign.orchestrator.state.run_setup import RunOrder
@@ -57,15 +57,7 @@ class FetchedResults:
                 return ended.outcome
         except (StoreError, OSError) as error:
             why = str(error)
-        if isinstance(ended.outcome, WorkerLost):
-            lost = ended.outcome
-            text = f"{lost.reason}; its files are kept in {ended.kept}: {why}"
-            return replace(lost, reason=text)
-        return WorkerLost(
-            f"it is {ended.outcome.verdict}, but its files are not here; they are kept in "
-            f"{ended.kept}: {why}",
-            no_retry=_known_failure(ended.outcome),
-        )
+        return without_files(ended.outcome, f"not here; they are kept in {ended.kept}: {why}")
 
     def of_lost(self, order: RunOrder, place: str) -> RunResult | str:
         """Return the result that a node stores after it has lost its worker."""
@@ -79,6 +71,15 @@ class FetchedResults:
             return str(error)
 
 
-def _known_failure(result: RunResult) -> str:
-    """Return why a run is not flown again though its files are lost; "" where it may be."""
-    return failed_too_text(result.reason) if result.verdict == "FAIL" else result.no_retry
+def without_files(outcome: RunResult | WorkerLost, where: str) -> WorkerLost:
+    """Return the outcome of a run whose files are missing. where: they are instead, and why.
+
+    What is known without them keeps a run that failed from another flight.
+    """
+    if isinstance(outcome, WorkerLost):
+        return replace(outcome, reason=f"{outcome.reason}; its files are {where}")
+    is_fail = outcome.verdict == "FAIL"
+    return WorkerLost(
+        f"it is {outcome.verdict}, but its files are {where}",
+        no_retry=failed_too_text(outcome.reason) if is_fail else no_retry_text(outcome),
+    )

@@ -8,6 +8,7 @@ from collections.abc import Callable, Mapping
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import yaml
 
@@ -24,7 +25,12 @@ from wil_campaign.orchestrator.campaign.folder.campaign_folder import (
     locked_campaign_folder,
     make_campaign_folder,
 )
-from wil_campaign.orchestrator.campaign.folder.manifest import campaign_manifest
+from wil_campaign.orchestrator.campaign.folder.flown_files import FlownFiles
+from wil_campaign.orchestrator.campaign.folder.manifest import (
+    campaign_manifest,
+    files_read_by_campaign,
+    maybe_written_files,
+)
 from wil_campaign.orchestrator.campaign.resuming.unchanged_campaign import (
     resumed_folder,
     resumed_manifest,
@@ -172,18 +178,27 @@ def fly_search(
     strategy = make_strategy(search.part.strategy, search.space, search.campaign.seed)
     with ExitStack() as stack:
         try:
-            folder, ledger = _begin(search, options, cleared, stack)
-            return _SearchFlight(search, engine, folder, ledger, say).fly(strategy)
+            folder, ledger, files = _begin(search, options, cleared, stack)
+            flight = _SearchFlight(
+                search, engine, folder=folder, ledger=ledger, files=files, say=say
+            )
+            return flight.fly(strategy)
         except (FolderTakenError, OSError) as error:
             raise OutputError(f"{error}; choose another folder with --out") from error
 
 
 def _begin(
     search: SearchCampaign, options: FlightOptions, cleared: ClearedCampaign, stack: ExitStack
-) -> tuple[Path, SearchLedger]:
-    """Return the search's folder, locked until the stack ends, and its ledger."""
+) -> tuple[Path, SearchLedger, FlownFiles]:
+    """Return the search's folder, locked until the stack ends, its ledger, and its files."""
     home = options.out / search.campaign.name
-    document: Mapping[str, object] = campaign_manifest(search.campaign, cleared.clock)
+    document: Mapping[str, Any] = campaign_manifest(search.campaign, cleared.clock)
+    files = FlownFiles.of(
+        search.document.path,
+        document["files"],
+        read=files_read_by_campaign(search.campaign),
+        skipped={search.document.path, *maybe_written_files(search.campaign)},
+    )
     if not options.resume:
         folder = make_campaign_folder(home / SEARCHES)
         stack.enter_context(locked_campaign_folder(folder))
@@ -195,7 +210,7 @@ def _begin(
         stack.enter_context(locked_campaign_folder(folder))
         ledger = SearchLedger.resumed(folder)
     write_atomically(folder / "campaign.json", to_json(document))
-    return folder, ledger
+    return folder, ledger, files
 
 
 class _SearchFlight:
@@ -205,14 +220,17 @@ class _SearchFlight:
         self,
         search: SearchCampaign,
         engine: SearchEngine,
+        *,
         folder: Path,
         ledger: SearchLedger,
+        files: FlownFiles,
         say: Callable[[str], None],
     ) -> None:
         self._search = search
         self._engine = engine
         self._folder = folder
         self._ledger = ledger
+        self._flown_files = files
         self._say = say
         self._files: dict[str, str] = {}
 
@@ -252,7 +270,11 @@ class _SearchFlight:
                 outcomes = flown
 
     def _fly_batch(self, batch: FlightBatch) -> tuple[FlightOutcome, ...] | Stop:
-        """Fly a batch; return its outcomes, or what stopped it."""
+        """Fly a batch; return its outcomes, or what stopped it.
+
+        Raises OutputError where its flights would have other files than those before.
+        """
+        self._flown_files.require_unchanged()
         self._ledger.begin(batch)
         names = ", ".join(dict.fromkeys(flight.variant.name for flight in batch.flights))
         self._say(f"batch {batch.number}, {batch.purpose} in {batch.mode}: {names}")
@@ -261,6 +283,8 @@ class _SearchFlight:
         result = self._engine.fly(campaign, folder)
         if result.stopped is not None:
             return result.stopped
+        for name, run in result.runs.items():
+            self._flown_files.require_same_code(name, run.code)
         plans = {plan.name: plan for plan in campaign.runs}
         outcomes = tuple(
             self._outcome(result.runs[name], plans[name], folder / name)

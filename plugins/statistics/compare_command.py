@@ -165,7 +165,7 @@ def _as_page(compared: FolderComparison, page: Path, *, after: Path) -> str:
 
 def _names(baseline: FlownSet) -> str:
     """Return the names of the folders of the baseline."""
-    return ", ".join(path.name for path in baseline.folders)
+    return ", ".join(baseline.names)
 
 
 def _rows(found: FlightComparison) -> list[tuple[str, ...]]:

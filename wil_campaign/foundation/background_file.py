@@ -80,9 +80,10 @@ class BackgroundFile:
     ) -> None:
         self.closed = False
         self.is_removed = False
-        """Whether the file was removed by the last write: then it is lost without an error."""
+        """Whether another file or none was in its place by the last write: it was removed, or moved
+        with its folder. Then it is lost without an error."""
         self._file = path.open("ab" if append else "xb", buffering=0)
-        self._name = path.name
+        self._path = path.absolute()
         self._waits = waits
         self._patience = patience
         self._patience.begin()
@@ -104,7 +105,7 @@ class BackgroundFile:
         Raises ValueError once the file is closed.
         """
         if self.closed:
-            raise ValueError(f"{self._name} is closed")
+            raise ValueError(f"{self._path.name} is closed")
         self._buffer.append(bytes(data))
         self._buffered_bytes += len(data)
         if self._buffered_bytes >= _HANDED_OVER_BYTES:
@@ -206,4 +207,8 @@ class BackgroundFile:
 
     def _look(self) -> None:
         # Here, because a network folder may take as long for it as for a write.
-        self.is_removed = os.fstat(self._file.fileno()).st_nlink == 0
+        own = os.fstat(self._file.fileno())
+        try:
+            self.is_removed = not os.path.samestat(own, self._path.stat())
+        except (FileNotFoundError, NotADirectoryError):
+            self.is_removed = True

@@ -115,7 +115,9 @@ def _append(folder: Path, line: dict[str, str]) -> None:
     try:
         size = os.fstat(handle).st_size
         is_cut = size > 0 and os.pread(handle, 1, size - 1) != b"\n"
-        os.write(handle, b"\n" + content if is_cut else content)
+        rest = memoryview(b"\n" + content if is_cut else content)
+        while rest:  # a disk that fills up takes a part, and says so with the next one
+            rest = rest[os.write(handle, rest) :]
         os.fsync(handle)
     finally:
         os.close(handle)

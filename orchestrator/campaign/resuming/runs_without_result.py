@@ -58,7 +58,9 @@ def lost_result(plan: RunPlan, lost: WorkerLost, folder: Path) -> RunResult:
     """
     log = read_cut_log(folder / "log.jsonl")
     # Called without a stage: its log is not here, for a call is later than the first stage.
-    flew = lost.is_own_end and ("goal" in log.stages or bool(lost.called and not log.stages))
+    # Nor need the line of its goal be there: a disk takes it when it has time.
+    has_goal = "goal" in log.stages or lost.has_goal or bool(lost.called and not log.stages)
+    flew = lost.is_own_end and has_goal
     is_subject = flew and bool(lost.called)
     text = f"the run was lost: {lost.reason}"
     if is_subject:

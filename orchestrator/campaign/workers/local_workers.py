@@ -230,6 +230,7 @@ class LocalWorker(Generic[Order, Outcome]):
             reason or _exit_text(self._process.exitcode),
             is_own_end=True,
             called=self._mark.vehicle,
+            has_goal=self._mark.has_goal,
         )
 
     async def end(self) -> str:

@@ -21,7 +21,8 @@ class WorkerLost:
 
     details: the traceback of what it raised; empty where it died. kind: its type's name.
     is_own_end: its process ended or hung by itself, while its campaign and machine went on. called:
-    the vehicle whose autonomy was being called then; "" for none. no_retry: why the run is not
+    the vehicle whose autonomy was being called then; "" for none. has_goal: by that call, whatever
+    the log of the run has. no_retry: why the run is not
     flown again, where that is known without its files.
     """
 
@@ -30,6 +31,7 @@ class WorkerLost:
     kind: str = ""
     is_own_end: bool = False
     called: str = ""
+    has_goal: bool = False
     no_retry: str = ""
 
     @property

@@ -1,6 +1,5 @@
 """`wil-campaign report`: writes the HTML report of a flown campaign."""
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -8,6 +7,7 @@ from cyclopts import Parameter
 
 from wil_campaign.foundation.files.problems import printable_problem
 from wil_campaign.hooks import report_images
+from wil_campaign.orchestrator.cli.final_report import name_problems
 from wil_campaign.orchestrator.cli.plugin_options import (
     NO_OPTIONS,
     PluginOptions,
@@ -17,8 +17,6 @@ from wil_campaign.orchestrator.cli.plugin_options import (
 from wil_campaign.orchestrator.cli.standard_streams import write_stderr, write_stdout
 from wil_campaign.orchestrator.reading.errors import ResultsFolderError
 from wil_campaign.orchestrator.report.ordered_report import write_ordered_report
-
-_SHOWN = 10
 
 
 @takes_options(report_images, "pictures", bool)
@@ -63,16 +61,8 @@ def report(
     except OSError as error:
         write_stderr(f"the report cannot be written: {error.strerror or error}")
         return 3
-    _name_problems(written.problems)
+    name_problems(written.problems)
     for path in written.pictures:
         write_stdout(printable_problem(f"picture: {path}"))
     write_stdout(printable_problem(f"report: {written.path}"))
     return 3 if written.problems else 0
-
-
-def _name_problems(problems: Sequence[str]) -> None:
-    for text in problems[:_SHOWN]:
-        write_stderr(printable_problem(text))
-    more = len(problems) - _SHOWN
-    if more > 0:
-        write_stderr(f"and {more} more, which the report names")

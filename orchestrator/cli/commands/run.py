@@ -23,7 +23,7 @@ from wil_campaign.orchestrator.campaign.workers.run_engine import EngineError
 from wil_campaign.orchestrator.cli.announcements import announce_verdicts
 from wil_campaign.orchestrator.cli.arming_consent import FlightRefusedError
 from wil_campaign.orchestrator.cli.engine_flight import ready_flight
-from wil_campaign.orchestrator.cli.final_report import write_final_report
+from wil_campaign.orchestrator.cli.final_report import name_problems, write_final_report
 from wil_campaign.orchestrator.cli.flight_needs import (
     compilation_notice,
     disk_warning,
@@ -141,6 +141,8 @@ def _fly_selected(
         write_stderr(error)
         return error.code
     report = write_final_report(outcome.folder)
+    if report is not None and outcome.summary.stopped is None:
+        name_problems(report.problems)  # as files that somebody removed in flight
     if json:
         write_stdout(to_json(outcome.summary).rstrip())
     else:

@@ -104,7 +104,7 @@ class LoopLane:
 
     async def act(self, act: Act) -> Command:
         """Return the autonomy's command at once. Raises AutonomyFault."""
-        with _measured(self.act_times), marked_autonomy_call(self._name):
+        with _measured(self.act_times), marked_autonomy_call(self._name, has_goal=True):
             answer = call_autonomy(act, within_s=self._call_s)
         self._check()
         return checked_command(answer)
@@ -246,11 +246,12 @@ class ThreadLane:
         answer: Command | None = None
         self._job, job.began_cpu_s = job, time.thread_time()
         try:
-            times = CallTimes() if job.name == "act" else self.perceive_times
-            with _measured(times), marked_autonomy_call(self._name):
+            is_act = job.name == "act"
+            times = CallTimes() if is_act else self.perceive_times
+            with _measured(times), marked_autonomy_call(self._name, has_goal=is_act):
                 returned = call_autonomy(job.call)
             self._check()
-            if job.name == "act":
+            if is_act:
                 answer = checked_command(returned)
             else:
                 require_method_ran(returned, job.name)

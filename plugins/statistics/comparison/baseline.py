@@ -56,11 +56,17 @@ class FlownSet:
         ]
 
     @property
+    def names(self) -> list[str]:
+        """Return the names of the folders, or their paths where two have the same name."""
+        names = [folder.name for folder in self.folders]
+        return names if len({*names}) == len(names) else [str(folder) for folder in self.folders]
+
+    @property
     def manifests(self) -> dict[str, Mapping[str, Data]]:
         """Return the manifests that could be read, by the names of their folders."""
         return {
-            folder.name: campaign.manifest
-            for folder, campaign in zip(self.folders, self.campaigns, strict=True)
+            name: campaign.manifest
+            for name, campaign in zip(self.names, self.campaigns, strict=True)
             if campaign.manifest
         }
 
@@ -68,8 +74,8 @@ class FlownSet:
     def runs_by_folder(self) -> dict[str, list[RunResult]]:
         """Return the runs that have a result, by the names of their folders."""
         return {
-            folder.name: [entry.result for entry in campaign.entries if entry.result is not None]
-            for folder, campaign in zip(self.folders, self.campaigns, strict=True)
+            name: [entry.result for entry in campaign.entries if entry.result is not None]
+            for name, campaign in zip(self.names, self.campaigns, strict=True)
         }
 
     @property
@@ -127,7 +133,7 @@ def read_baseline(folder: Path, *, last: int, before: Path) -> FlownSet:
 def results_folders(folder: Path) -> list[Path]:
     """Return the results folders at or beneath a folder, three levels deep at most.
 
-    Those of searches are left out, with what was flown for them.
+    Those of searches are left out, with what was flown for them; each is there once, with symlinks.
     """
     found = {
         path.parent
@@ -135,6 +141,7 @@ def results_folders(folder: Path) -> list[Path]:
         for name in _DOCUMENTS
         for path in folder.glob("*/" * depth + name)
     }
+    found = {*{path.resolve(): path for path in sorted(found, reverse=True)}.values()}
     searches = [path for path in found if _is_of_search(path)]
     return sorted(
         path for path in found if not any(path.is_relative_to(search) for search in searches)

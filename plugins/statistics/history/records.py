@@ -6,6 +6,7 @@ last line of a flight counts: its campaign may have been resumed, and the flight
 
 import hashlib
 import json
+import os
 from collections.abc import Iterable, Iterator
 from dataclasses import asdict, dataclass, replace
 from functools import cache
@@ -30,7 +31,8 @@ class FlightRecord:
     subject; empty in lines of earlier versions. firmware: of the vehicles, in words; empty in those
     too. margin: the smallest of the judged vehicle's required oracles in metres (else in any unit),
     None without one. ending: why its campaign ended early, else empty; None where that was not
-    recorded. host: the name of the machine; empty in lines of earlier versions.
+    recorded. host: the name of the machine; empty in lines of earlier versions. plan: a digest of
+    the files and versions of the run's campaign; empty in those too.
     """
 
     campaign: str
@@ -49,6 +51,7 @@ class FlightRecord:
     host: str = ""
     settings: str = ""
     firmware: str = ""
+    plan: str = ""
 
 
 @cache
@@ -87,6 +90,7 @@ def flight_records_of(documents: CampaignDocuments) -> Iterator[FlightRecord]:
             ending=None if documents.summary is None else documents.summary.ending,
             host=str(machine or ""),
             firmware=_firmware_text(entry.result),
+            plan=_digest(_plan(documents, entry)),
         )
 
 
@@ -119,10 +123,19 @@ def read_records(path: Path) -> list[FlightRecord]:
 
 
 def append_records(path: Path, records: Iterable[FlightRecord]) -> None:
-    """Append flights to a history file. Raises HistoryFileError."""
+    """Append flights to a history file, all or none. Raises HistoryFileError."""
+    data = "".join(json.dumps(asdict(record)) + "\n" for record in records).encode()
     try:
-        with path.open("a", encoding="utf-8") as stream:
-            stream.writelines(json.dumps(asdict(record)) + "\n" for record in records)
+        with path.open("a+b", buffering=0) as stream:
+            size = stream.seek(0, os.SEEK_END)
+            stream.seek(max(0, size - 1))
+            rest = memoryview(data if stream.read(1) in {b"", b"\n"} else b"\n" + data)
+            try:
+                while rest:
+                    rest = rest[stream.write(rest) :]
+            except OSError:
+                stream.truncate(size)
+                raise
     except OSError as error:
         raise HistoryFileError(f"{path} cannot be written: {error.strerror or error}") from error
 
@@ -131,25 +144,40 @@ def latest_records(records: Iterable[FlightRecord]) -> list[FlightRecord]:
     """Return the last record of each flight, in the order of these."""
     found: dict[tuple[str, ...], FlightRecord] = {}
     for record in records:
-        # A line of an earlier version has no host: this is the same flight.
-        found.pop(_flight_key(replace(record, host="")), None)
-        found.pop(_flight_key(record), None)
+        # A line of an earlier version has no plan, or no host either: this is the same flight.
+        for earlier in (replace(record, plan=""), replace(record, plan="", host=""), record):
+            found.pop(_flight_key(earlier), None)
         found[_flight_key(record)] = record
     return list(found.values())
 
 
 def _flight_key(one: FlightRecord) -> tuple[str, ...]:
-    """Return the key that identifies a flight: two machines may start in the same second."""
-    return (one.campaign, one.started_utc, one.host, one.case, one.mode, one.rep)
+    """Return the key that identifies a flight.
+
+    Two machines may start in the same second, and so may one, with other seeds or options.
+    """
+    campaign = (
+        one.campaign,
+        one.started_utc,
+        one.host,
+        one.plan,
+        str(one.seed) if one.plan else "",
+    )
+    return (*campaign, one.case, one.mode, one.rep)
 
 
-def _inputs(documents: CampaignDocuments, entry: RunEntry) -> str:
-    """Return the digest of a run's documents, all files of the campaign, and all versions."""
+def _plan(documents: CampaignDocuments, entry: RunEntry) -> list[object]:
+    """Return a run's documents, all files of the campaign, and all versions."""
     manifest = documents.manifest
     host = manifest.get("host")
     machine = host.get("machine") if isinstance(host, dict) else None
     own = _documents(documents, entry)
-    read = [own, manifest.get("files"), manifest.get("versions"), machine, manifest.get("clock")]
+    return [own, manifest.get("files"), manifest.get("versions"), machine, manifest.get("clock")]
+
+
+def _inputs(documents: CampaignDocuments, entry: RunEntry) -> str:
+    """Return the digest of a run's plan and of the firmware that flew."""
+    read = _plan(documents, entry)
     firmware = () if entry.result is None else entry.result.firmware
     # A result of an earlier version has none: its digest stays what a history file has.
     return _digest([*read, *map(_firmware_inputs, firmware)])

@@ -157,6 +157,18 @@ def test_a_key_that_a_composition_has_once_must_be_equal_in_its_parts(
     assert load(both).cases
 
 
+def test_two_parts_may_not_come_to_one_name(both: Any) -> None:
+    """Their results would share a folder: of two runs one was counted, or one counted twice."""
+    for name, case in (("campaign.yaml", "small: {}\n  b.x"), ("other.yaml", "x")):
+        path = both.folder / name
+        path.write_text(path.read_text().replace("  small: ", f"  {case}: "))
+    (both.folder / "both.yaml").write_text(TEXT.replace("one:", "a:").replace("other:", "a.b:"))
+    with pytest.raises(BadInput) as caught:
+        load_campaign(both.folder / "both.yaml")
+    (problem,) = caught.value.problems
+    assert "both.yaml:5:3: 'a.b' and 'a' both have 'a.b.x'; rename a part" in problem.headline
+
+
 def test_parts_with_different_sequential_tests_need_repetitions_of_the_composition(
     both: Any,
 ) -> None:

@@ -122,6 +122,7 @@ def plan_in(folder: Path) -> RunPlan:
         ("", {"is_own_end": True}, "ERROR", True),
         ("", {"is_own_end": True, "called": "twin"}, "FAIL", False),  # its files are not here
         (CLIMB, {"is_own_end": True, "called": "twin"}, "ERROR", True),  # it had no goal yet
+        (CLIMB, {"is_own_end": True, "called": "twin", "has_goal": True}, "FAIL", False),
         (CLIMB, {"no_retry": "it is FAIL"}, "ERROR", False),
         (GOAL, {}, "ERROR", True),  # its node was lost
         (GOAL, {"called": "twin"}, "ERROR", True),

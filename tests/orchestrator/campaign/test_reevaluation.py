@@ -137,6 +137,24 @@ def test_judge_reports_runs_never_flown_and_a_folder_without_recordings(
     assert "has no run of this campaign, such as large/sim/1" in capsys.readouterr().err
 
 
+def test_judge_leaves_out_no_repetition_that_was_flown(
+    recorded: Path, tmp_path: Path, capsys: Any
+) -> None:
+    """The file says fewer than --repetitions of the flight said."""
+    folder = tmp_path / "copy"
+    shutil.copytree(recorded, folder)
+    shutil.copytree(folder / "large/sim/1", folder / "large/sim/2")
+    document = json.loads((folder / "campaign.json").read_text())
+    second = next(run for run in document["runs"] if run["run"] == "large/sim/1")
+    document["runs"] += [{**second, "run": name} for name in ("large/sim/2", "large/sim/x")]
+    (folder / "campaign.json").write_text(json.dumps(document))
+    assert judge(folder) == 3
+    said = "has 1 runs that would not be judged, such as large/sim/2: give --repetitions 2"
+    assert said in capsys.readouterr().err
+    assert judge(folder, repetitions=2) == 3
+    assert "large/sim/2/result.json is of another run" in capsys.readouterr().err
+
+
 DAMAGE: tuple[tuple[str, Callable[[bytes], bytes], str], ...] = (
     ("result.json", lambda data: data[:-20], "is truncated, damaged or of another version"),
     ("result.json", lambda data: data.replace(b'"PASS"', b'"FINE"'), "verdict"),
@@ -336,6 +354,20 @@ def test_a_folder_without_its_summary_is_refused(
     assert outcome.out == ""
     assert "summary.json" in outcome.err
     assert "without this file it is unknown how the campaign ended" in outcome.err
+
+
+@pytest.mark.parametrize("runs", ["FAIL", ""])
+def test_a_summary_of_other_flights_is_refused(
+    recorded: Path, tmp_path: Path, capsys: Any, runs: str
+) -> None:
+    """What it says of the end, and of who flew as the real vehicle, is not of these flights."""
+    folder = tmp_path / "copy"
+    shutil.copytree(recorded, folder)
+    document = json.loads((folder / "summary.json").read_text())
+    document["runs"] = [{**run, "verdict": runs} for run in document["runs"] if runs]
+    (folder / "summary.json").write_text(json.dumps(document))
+    assert judge(folder) == 3
+    assert "summary.json is not of the flight of large/sim/1" in capsys.readouterr().err
 
 
 def test_a_control_is_judged_again_as_a_control(recorded: Path, capsys: Any) -> None:

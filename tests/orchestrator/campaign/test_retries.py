@@ -90,8 +90,8 @@ def invalid_before_others(order: RunOrder, report: Report, inbox: OperatorInbox)
     return end(order, "FAIL" if order.plan.repetition == 2 else "PASS")
 
 
-def fly(path: Path, *, jobs: int = 1) -> CampaignOutcome:
-    options = FlightOptions(out=path.parent / "out")
+def fly(path: Path, *, jobs: int = 1, resume: bool = False) -> CampaignOutcome:
+    options = FlightOptions(out=path.parent / "out", resume=resume)
     cleared = ClearedCampaign("virtual", jobs)
     return fly_campaign(load_campaign(path), options, cleared, SilentDisplay())
 
@@ -116,6 +116,21 @@ def test_a_run_that_the_decision_made_needless_is_not_flown_again(
     earlier = outcome.folder / "earlier/default/sim"
     assert sorted(one.name for one in earlier.iterdir() if one.name.startswith("3")) == kept
     assert not (outcome.folder / "default/sim/3").exists()
+
+
+def test_a_kill_before_a_needless_run_was_set_aside_does_not_make_it_count(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(run_engine, "fly_order", invalid_after_the_decision)
+    path = write_hover(tmp_path)
+    path.write_text(path.read_text().replace("repetitions: 2", f"repetitions: {UNTIL}"))
+    folder = fly(path, jobs=2).folder
+    (folder / "earlier/default/sim/3-1").rename(folder / "default/sim/3")
+    outcome = fly(path, resume=True)
+    assert [(run.rep, run.verdict) for run in outcome.summary.runs] == [(1, "PASS"), (2, "PASS")]
+    assert outcome.exit_code == 0
+    assert (folder / "earlier/default/sim/3-1/result.json").is_file()
+    assert not (folder / "default/sim/3").exists()
 
 
 def test_a_decision_waits_for_a_run_that_is_flown_again(

@@ -156,7 +156,8 @@ def write_flown(
         "files": {"gate.yaml": "sha256:0"},
         "host": {"name": host, "machine": "x86_64", "cores": 2},
         "runs": [
-            {"run": name, "seed": 1, "documents": documents(run)} for name, run in runs.items()
+            {"run": name, "seed": run.result().seed, "documents": documents(run)}
+            for name, run in runs.items()
         ],
         "document": dict(document or {"campaign": name}),
     }
@@ -164,6 +165,20 @@ def write_flown(
         manifest["requirements"] = [asdict(requirement) for requirement in requirements]
     (folder / "campaign.json").write_text(json.dumps(manifest))
     return folder
+
+
+def write_control(folder: Path, control: RunResult) -> None:
+    """Write a flown control into a results folder."""
+    name = f"{control.case}/{control.mode}/{control.rep}"
+    (folder / name).mkdir(parents=True)
+    (folder / name / "result.json").write_text(to_json(control))
+    for document, key, entry in (
+        ("campaign.json", "runs", {"run": name, "seed": control.seed, "documents": "x"}),
+        ("summary.json", "controls", json.loads(to_json(control))),
+    ):
+        content = json.loads((folder / document).read_text())
+        content[key].append(entry)
+        (folder / document).write_text(json.dumps(content))
 
 
 def write_searched(home: Path, *, started_utc: str) -> Path:

@@ -1,6 +1,7 @@
 """Documents of a results folder that are damaged, foreign or hostile: named, never an exception."""
 
 import json
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -8,6 +9,7 @@ from typing import Any
 import pytest
 
 from tests.orchestrator.reading.flown_campaign import flights, write_flown
+from wil_campaign.foundation.files.document_writer import to_json
 from wil_campaign.orchestrator.cli import main
 
 Capture = pytest.CaptureFixture[str]
@@ -93,6 +95,7 @@ def test_a_result_with_a_value_that_is_no_number_is_damaged(
 def test_half_a_surrogate_pair_spoils_no_kept_history(tmp_path: Path, capsys: Capture) -> None:
     folder = flown(tmp_path / "gate")
     changed(folder / "campaign.json", lambda document: document.update(campaign="a\ud800b"))
+    changed(folder / "summary.json", lambda document: document.update(campaign="a?b"))
     keep = tmp_path / "history.jsonl"
     for _ in range(2):
         assert main(["history", str(folder), "--keep", str(keep), "--json"]) == 0
@@ -110,3 +113,48 @@ def test_a_folder_that_lost_its_campaign_file_is_not_passed_over(
     text = capsys.readouterr()
     assert "campaign.json is missing" in text.err
     assert "2/2" in text.out
+
+
+def test_the_result_of_another_run_is_not_counted(tmp_path: Path, capsys: Capture) -> None:
+    folder = flown(tmp_path / "gate")
+    (other,) = flights("a", "real", "P", seed=900)
+    for text in ((folder / "a/real/2/result.json").read_text(), to_json(other.result())):
+        (folder / "a/real/1/result.json").write_text(text)
+        for command in COMMANDS:
+            code, said = outcome(capsys, command, folder)
+            assert (command, code) == (command, 3)
+            assert "a/real/1: result.json is of another run" in said
+
+
+def test_a_run_that_its_campaign_does_not_count_is_counted_nowhere(
+    tmp_path: Path, capsys: Capture
+) -> None:
+    """It was flown after a decision, and its program was killed; or somebody has put it there."""
+    folder = flown(tmp_path / "gate")
+    for place, run in (("a/real/2", "a/real/3"), ("a/real/1", "b/real/1")):
+        shutil.copytree(folder / place, folder / run)
+        path = folder / run / "result.json"
+        document = json.loads(path.read_text()) | {"case": run[0], "rep": int(run[-1])}
+        path.write_text(json.dumps(document))
+    for command in COMMANDS:
+        code, said = outcome(capsys, command, folder)
+        assert (command, code) == (command, 3)
+        assert "not counted: a/real/3, b/real/1; " in said
+    main(["history", str(folder), "--json"])
+    assert sum(row["flown"] for row in json.loads(capsys.readouterr().out)["rows"]) == 6
+
+
+@pytest.mark.parametrize("other", ["b", "gate"])
+def test_a_summary_of_other_flights_gives_no_verdict(
+    tmp_path: Path, capsys: Capture, other: str
+) -> None:
+    """As where a folder was put together of copies."""
+    folder = flown(tmp_path / "gate")
+    given = [*flights("a", "real", "PF"), *flights("a", "wil", "PP"), *flights("a", "sim", "PP")]
+    foreign = write_flown(tmp_path / "foreign", given, name=other, with_motion=False)
+    shutil.copy(foreign / "summary.json", folder)
+    for command in COMMANDS:
+        code, said = outcome(capsys, command, folder)
+        assert (command, code) == (command, 3)
+        assert "summary.json is of other flights" in said
+    assert "no verdict" in (folder / "report.html").read_text()

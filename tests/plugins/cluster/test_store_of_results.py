@@ -135,6 +135,36 @@ def test_a_result_that_cannot_be_sent_stays_on_the_node_that_the_reason_names(
     assert again.exit_code == 0
 
 
+@pytest.mark.parametrize(
+    ("before", "failing", "counted"),
+    [
+        ("        return Command(", "self.mistake", ("ERROR", 3)),
+        ("        self.ticks -= 1", "os._exit(7)", ("FAIL", 1)),
+    ],
+)
+def test_a_failure_whose_files_cannot_be_sent_is_not_flown_again(
+    tmp_path: Path, store: Path, before: str, failing: str, counted: tuple[str, int]
+) -> None:
+    refused = tmp_path / "refused"
+
+    def refuse(_: FakeRay) -> None:
+        (place,) = store.glob("hover/*/default/sim")
+        shutil.rmtree(place)
+        place.write_text("no folder")
+        refused.touch()
+
+    path, code = write_hover(tmp_path, waits_for=refused), tmp_path / "still.py"
+    path.write_text(path.read_text() + "retries: 1\n")
+    code.write_text(
+        f"import os\n{code.read_text()}".replace(before, f"        {failing}\n{before}")
+    )
+    flown = fly(path, tmp_path / "out", store, act=refuse)
+    (run,) = flown.summary.runs
+    assert (run.attempts, (run.verdict, flown.exit_code)) == ((), counted)
+    assert "its files are not in the store; they are kept in" in run.reason
+    assert events(flown.folder) == ["begun", "ordered", "lost"]
+
+
 def test_a_store_that_is_gone_when_the_result_is_fetched_leaves_it_on_the_node(
     tmp_path: Path, store: Path, node_folders: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -186,7 +216,10 @@ def test_a_worker_that_dies_in_flight_is_waited_for_in_the_store(
         "ABORTED",
         "aborted by the node: its cluster is gone",
     )
-    assert (flown.folder / "default/sim/1/log.jsonl").is_file()
+    home = flown.folder / "default/sim/1"
+    assert (home / "log.jsonl").is_file()
+    assert read_result(home / "result.json").verdict == "ERROR"
+    assert read_result(home / "result.landed.json") == landed
 
 
 class IdleWorkers:

@@ -10,6 +10,7 @@ import pytest
 from tests.plugins.search.searches import SEARCH, MadeUpEngine, write_search
 from wil_campaign.campaigns.expansion.expansion import ExpansionOptions, load_campaign
 from wil_campaign.orchestrator.campaign.flight_options import ClearedCampaign, FlightOptions
+from wil_campaign.orchestrator.campaign.folder.campaign_folder import OutputError
 from wil_campaign.orchestrator.campaign.resuming.unchanged_campaign import ResumeError
 from wil_campaign.orchestrator.cli import main
 from wil_campaign.plugins.search.errors import SearchError
@@ -110,6 +111,26 @@ def test_a_search_is_not_resumed_with_another_file(tmp_path: Path) -> None:
     path.write_text(path.read_text().replace("sim: 3", "sim: 4"))
     with pytest.raises(ResumeError, match=r"hover\.yaml changed"):
         flown(path, MadeUpEngine(), resume=True)
+
+
+@pytest.mark.parametrize("name", ["still.py", "world.yaml"])
+def test_a_file_that_changes_in_a_flight_ends_the_search(tmp_path: Path, name: str) -> None:
+    """Each batch reads its files anew, and would have flown another autonomy, another world."""
+    path = write_search(tmp_path)
+    original = (tmp_path / name).read_text()
+
+    def edit(batch: int) -> None:
+        if batch == 2:
+            (tmp_path / name).write_text(f"{original}# changed\n")
+
+    first = MadeUpEngine(before=edit)
+    with pytest.raises(OutputError, match=f"{name} changed while the campaign flew"):
+        flown(path, first)
+    assert {one[:4] for one in first.flown} == {"0001", "0002"}
+    (tmp_path / name).write_text(original)
+    second = MadeUpEngine()
+    assert flown(path, second, resume=True).exit_code == 1
+    assert not set(first.flown) & set(second.flown)
 
 
 def test_a_ledger_of_other_proposals_or_a_damaged_one_is_refused(tmp_path: Path) -> None:

@@ -106,11 +106,24 @@ def test_a_writer_waits_once_and_then_no_more_until_the_disk_has_caught_up(
     assert stalled.data() == 31 * BLOCK
 
 
-def test_a_removed_file_is_known_once_it_was_written_to_and_at_its_end(tmp_path: Path) -> None:
+def _move_folder(path: Path) -> None:
+    path.parent.rename(path.parent.with_name(f"moved-{path.parent.name}"))
+
+
+@pytest.mark.parametrize("take", [Path.unlink, _move_folder])
+def test_a_removed_or_moved_file_is_known_once_it_was_written_to_and_at_its_end(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, take: Callable[[Path], object]
+) -> None:
     seen = []
     for is_written in (True, False):
-        file = BackgroundFile(tmp_path / "file")
-        (tmp_path / "file").unlink()
+        home = tmp_path / f"written-{is_written}"
+        home.mkdir()
+        monkeypatch.chdir(home.parent)
+        file = BackgroundFile(Path(home.name) / "file")
+        monkeypatch.chdir("/")
+        file.write(BLOCK)
+        file.flush(60.0)
+        take(home / "file")
         assert not file.is_removed
         if is_written:
             file.write(BLOCK)

@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 
+from tests.full_disk import files_no_larger_than
 from tests.orchestrator.campaign.resuming.test_runs_to_fly import result_of
 from tests.orchestrator.hover import write_hover
 from tests.plugins.cluster.bench.test_bench_engine import write_bench, write_campaign
@@ -226,3 +227,14 @@ def test_a_run_is_named_with_resume_alone(
     assert main(words) == 2
     assert "needs --resume" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
+
+
+def test_an_order_of_which_a_disk_takes_a_part_alone_is_an_error(tmp_path: Path) -> None:
+    """It would be sent, and after a kill nobody would know of the flight."""
+    orders = RunLedger(tmp_path, "first")
+    begun = (tmp_path / "ledger.jsonl").stat().st_size
+    with files_no_larger_than(begun + 20), pytest.raises(OSError, match="too large"):
+        orders.write("ordered", FIRST, "node")
+    assert open_orders(tmp_path) == {}
+    orders.write("ordered", SECOND, "node")
+    assert [*open_orders(tmp_path)] == [SECOND]

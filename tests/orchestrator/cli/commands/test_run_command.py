@@ -260,6 +260,20 @@ def test_a_disk_that_fills_up_ends_the_campaign_with_a_sentence(
     assert verdicts(campaign) == []
 
 
+def test_results_that_somebody_removes_while_others_fly_are_named(
+    campaign: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code = campaign.parent / "still.py"
+    removing = (
+        "import pathlib\nimport shutil\n\n"
+        "for path in pathlib.Path(__file__).parent.glob('out/*/*/*/sim/1/result.json'):\n"
+        "    shutil.rmtree(path.parent)\n"
+    )
+    code.write_text(code.read_text() + removing)
+    assert main(command(campaign)[3:]) == 0
+    assert "default/sim/1: result.json is missing\n" in capsys.readouterr().err
+
+
 def test_runs_of_one_worker_do_not_know_of_each_other(campaign: Path) -> None:
     assert main(command(campaign)[3:]) == 0
     (folder,) = (campaign.parent / "out" / "hover").iterdir()

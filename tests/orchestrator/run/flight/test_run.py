@@ -431,14 +431,17 @@ def test_a_disk_that_stands_still_in_flight_delays_nothing_and_loses_nothing(
         assert (folder / name).read_bytes() == (before / name).read_bytes()
 
 
+@pytest.mark.parametrize(
+    "take", [shutil.rmtree, lambda folder: shutil.move(folder, folder.with_name("moved"))]
+)
 def test_a_folder_that_somebody_removes_in_flight_lands_it_and_is_an_error(
-    fly_run: Fly, tmp_path: Path
+    fly_run: Fly, tmp_path: Path, take: Callable[[Path], None]
 ) -> None:
     """What is written into removed files is lost, and no system call says so."""
-    removing = at_stage("goal", 0.5, lambda _: shutil.rmtree(tmp_path / "run1"))
+    removing = at_stage("goal", 0.5, lambda _: take(tmp_path / "run1"))
     result, folder = fly_run(mode="sim", sets=BRIEF, disturb=removing)
     assert result.verdict == "ERROR"
-    assert result.reason == f"the recording ended early: {folder} was removed"
+    assert result.reason == f"the recording ended early: {folder} was removed or moved"
     assert (result.exceptions, result.artifacts) == ((), ())
     (landed,) = [oracle for oracle in result.oracles if oracle.name == "landed"]
     assert landed.verdict == "PASS"

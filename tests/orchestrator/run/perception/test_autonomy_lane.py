@@ -10,7 +10,9 @@ import pytest
 
 from tests.orchestrator.conftest import STEP, Fly
 from wil_campaign.orchestrator.run.perception.autonomy_calls import AutonomyFault
-from wil_campaign.orchestrator.run.perception.autonomy_lane import ThreadLane
+from wil_campaign.orchestrator.run.perception.autonomy_lane import LoopLane, ThreadLane
+from wil_campaign.orchestrator.state import call_marker
+from wil_campaign.orchestrator.state.call_marker import CallMark, adopt_call_mark
 from wil_campaign.vehicles.autonomy import Command
 from wil_campaign.vehicles.readings import RangefinderReading
 from wil_campaign.vehicles.setpoints import VelocitySetpoint
@@ -46,6 +48,28 @@ async def test_calls_are_made_in_their_order_in_another_thread() -> None:
         assert await calls.act(act) == STILL
         assert seen == [0, 1, 2, "autonomy of real"]
         assert (calls.act_times.count, calls.perceive_times.count) == (1, 3)
+
+
+async def test_a_call_is_marked_with_its_vehicle_and_whether_it_shows_a_goal(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """For whoever outlives this process: its log may lack the last lines."""
+    monkeypatch.setattr(call_marker, "_mark", None)
+    mark, seen = CallMark(), []
+    adopt_call_mark(mark.descriptor)
+
+    def see(*_: object) -> Command:
+        seen.append((mark.vehicle, mark.has_goal))
+        return STILL
+
+    in_loop = LoopLane(name="real", call_s=30.0, check=lambda: None)
+    async with lane() as beside:
+        for calls in (in_loop, beside):
+            calls.offer(see, READING, "perceive")
+            await calls.act(see)
+            see()
+    assert seen[:3] == [("real", False), ("real", True), ("", False)]
+    assert seen[3:5] == seen[:2]
 
 
 async def test_the_loop_goes_on_while_a_call_waits_and_the_fault_has_place_and_figures() -> None:

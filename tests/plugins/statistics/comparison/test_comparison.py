@@ -8,9 +8,14 @@ from typing import Any
 
 import pytest
 
-from tests.orchestrator.reading.flown_campaign import Flight, flights, write_flown, write_searched
+from tests.orchestrator.reading.flown_campaign import (
+    Flight,
+    flights,
+    write_control,
+    write_flown,
+    write_searched,
+)
 from tests.orchestrator.run_results.test_flown_firmware import BOARD
-from wil_campaign.foundation.files.document_writer import to_json
 from wil_campaign.orchestrator.cli import main
 from wil_campaign.orchestrator.run_results.control_results import ControlResult
 from wil_campaign.orchestrator.run_results.run_result import RunResult
@@ -288,9 +293,7 @@ def test_a_campaign_that_cannot_fail_is_no_good_comparison(tmp_path: Path, capsy
     for folder, verdict in ((sound, "FAIL"), (green, "PASS")):
         (control,) = flights("blind", "wil", verdict[0])
         met = ControlResult("a", "FAIL", None, None, met=verdict == "FAIL")
-        (folder / control.name).mkdir(parents=True)
-        result = replace(control.result(), required=False, control=met)
-        (folder / control.name / "result.json").write_text(to_json(result))
+        write_control(folder, replace(control.result(), required=False, control=met))
     assert main(["compare", str(sound), str(green)]) == 3
     said = f"{green}: this campaign cannot fail: control blind in mode wil passed"
     assert said in capsys.readouterr().err
@@ -447,6 +450,26 @@ def flown_as(folder: Path, **manifest: Any) -> Path:
     return folder
 
 
+def test_a_folder_counts_once_whatever_leads_to_it(tmp_path: Path, capsys: Capture) -> None:
+    for day in (1, 2):
+        flown_as(tmp_path / f"before/{day}", started_utc=f"2026-11-0{day}T10:00:00Z")
+    (tmp_path / "before/latest").symlink_to("2")
+    now = flown_as(tmp_path / "now")
+    assert main(["compare", str(tmp_path / "before"), str(now), "--last", "2"]) == 0
+    assert capsys.readouterr().out.startswith("now against 1, 2\n")
+
+
+def test_folders_of_one_name_are_compared_each_for_itself(tmp_path: Path, capsys: Capture) -> None:
+    """As those of two jobs of CI, or of two machines that started in the same second."""
+    other = {**GATE, "oracles": {"altitude": {"max_m": 5}, "collision": {}}}
+    flown_as(tmp_path / "before/one/gate", document=other, started_utc="2026-11-01T10:00:00Z")
+    flown_as(tmp_path / "before/two/gate", started_utc="2026-11-02T10:00:00Z")
+    now = flown_as(tmp_path / "now")
+    assert main(["compare", str(tmp_path / "before"), str(now)]) == 3
+    place = tmp_path / "before/one/gate"
+    assert f"other settings: {place}: oracles.altitude.max_m was 5" in capsys.readouterr().out
+
+
 @pytest.mark.parametrize(
     ("manifest", "option", "said"),
     [
@@ -554,13 +577,7 @@ def test_a_control_that_was_not_flown_any_more_is_named_and_counts(
         control.result(),
         control=ControlResult("a", "FAIL", oracle=None, cause=None, met=True),
     )
-    place = old / control.name
-    place.mkdir(parents=True)
-    (place / "result.json").write_text(to_json(failed))
-    path = old / "campaign.json"
-    document = json.loads(path.read_text())
-    document["runs"].append({"run": control.name, "seed": 1, "documents": "x"})
-    path.write_text(json.dumps(document))
+    write_control(old, failed)
     assert main(["compare", str(old), str(new)]) == 3
     assert "control not flown any more: blind/wil\n" in capsys.readouterr().out
     assert main(["compare", str(old), str(new), "--removed"]) == 0

@@ -1,5 +1,6 @@
 """history: campaigns over time, flaky told apart from stochastic, a file that outlives folders."""
 
+import itertools
 import json
 import re
 import shutil
@@ -9,6 +10,7 @@ from typing import Any
 
 import pytest
 
+from tests.full_disk import files_no_larger_than
 from tests.orchestrator.reading.flown_campaign import flights, write_flown, write_searched
 from tests.orchestrator.report.rendering.test_overview import CLEAR, FAST, judged
 from tests.orchestrator.run_results.test_flown_firmware import BOARD
@@ -162,12 +164,29 @@ def test_two_machines_that_start_in_one_second_are_two_campaigns(
     assert [(row["passed"], row["flown"]) for row in rows] == [(3, 3), (1, 3)]
 
 
-def test_a_line_of_an_earlier_version_is_the_same_flight(tmp_path: Path, capsys: Capture) -> None:
+def test_campaigns_that_one_machine_starts_in_one_second_are_several(
+    tmp_path: Path, capsys: Capture
+) -> None:
+    """As over seeds, over options, or over versions of an autonomy."""
+    keep = tmp_path / "history.jsonl"
+    one, seed, option = (flights("a", "wil", verdicts) for verdicts in ("PPP", "PFF", "FFF"))
+    write_flown(tmp_path / "results/1", one)
+    write_flown(tmp_path / "results/2", [replace(flight, seed=7 + flight.rep) for flight in seed])
+    write_flown(tmp_path / "results/3", option, documents=lambda _: "sha256:1")
+    for _ in range(2):
+        (row,) = shown(capsys, tmp_path / "results", "--keep", keep)["rows"]
+        assert (row["passed"], row["flown"]) == (4, 9)
+
+
+@pytest.mark.parametrize("lacking", [("plan",), ("plan", "host")])
+def test_a_line_of_an_earlier_version_is_the_same_flight(
+    tmp_path: Path, capsys: Capture, lacking: tuple[str, ...]
+) -> None:
     keep = tmp_path / "history.jsonl"
     shown_once(tmp_path, capsys, keep, "PPF")
     lines = [json.loads(line) for line in keep.read_text().splitlines()]
-    for one in lines:
-        del one["host"]
+    for one, key in itertools.product(lines, lacking):
+        del one[key]
     keep.write_text("".join(json.dumps(one) + "\n" for one in lines))
     (row,) = shown(capsys, tmp_path / "results", "--keep", keep)["rows"]
     assert row["flown"] == 3
@@ -200,6 +219,20 @@ def test_the_page_draws_intervals_and_links_to_reports(tmp_path: Path) -> None:
     assert bars == pytest.approx([8 + 48 * (1 - 0.094), 8 + 48 * (1 - 0.292)], abs=0.1)
     assert text.count('<line class="changed"') == 1
     assert "2 of 2" not in text
+
+
+def test_a_full_disk_takes_all_of_the_new_flights_or_none(tmp_path: Path, capsys: Capture) -> None:
+    keep = tmp_path / "history.jsonl"
+    shown_once(tmp_path, capsys, keep, "PPP")
+    keep.write_text(kept := keep.read_text().removesuffix("\n"))  # as an editor leaves it
+    flown(tmp_path, 2, "PFP")
+    with files_no_larger_than(len(kept) + 1000):
+        assert main(["history", str(tmp_path / "results"), "--keep", str(keep)]) == 2
+    assert f"{keep} cannot be written: File too large" in capsys.readouterr().err
+    assert keep.read_text() == kept
+    for _ in range(2):
+        rows = shown(capsys, tmp_path / "results", "--keep", keep)["rows"]
+        assert [(row["passed"], row["flown"]) for row in rows] == [(3, 3), (2, 3)]
 
 
 @pytest.mark.parametrize("content", ["{", '{"campaign": "gate"}', "\udce9"])
