@@ -110,7 +110,6 @@ async def ended(process: ChildProcess) -> int | None:
 async def test_a_forked_process_equals_a_started_one(tmp_path: Path) -> None:
     reading, writing = os.pipe()
     stdin, words = os.pipe()
-    os.write(words, b"asked for\n")
     code = (
         "import os, signal, sys\n"
         f"said = [input(), os.environ['WIL_CAMPAIGN_TEST'], os.getcwd(), sys.argv[4] != '',\n"
@@ -132,6 +131,7 @@ async def test_a_forked_process_equals_a_started_one(tmp_path: Path) -> None:
             more={"WIL_CAMPAIGN_TEST": "of this process"},
         )
         assert server.is_parent(process.pid)
+        os.write(words, b"asked for\n")  # it has not ended before
         assert await ended(process) == 3
     assert process.stderr_tail == "no gate in sight"
     mask = os.umask(0)
