@@ -18,6 +18,7 @@ from wil_campaign.campaigns.checks.limit_warnings import (
 from wil_campaign.campaigns.checks.magnitude_warnings import magnitude_warnings
 from wil_campaign.campaigns.checks.mixture_warnings import (
     nothing_isolated_warnings,
+    nothing_real_warnings,
     unmixed_object_warnings,
     unmixed_sensor_warnings,
     wide_registration_warnings,
@@ -161,6 +162,7 @@ def caveats_of(files: CaseFiles, case: Case, modes: tuple[Mode, ...]) -> Iterato
     if "wil" in modes:
         yield from wide_registration_warnings(files, case)
         yield from nothing_isolated_warnings(files, case)
+        yield from nothing_real_warnings(files, case)
         yield from hidden_object_warnings(files, case)
     yield from estimated_actor_warnings(files.campaign, case, modes)
     for mode in modes:

@@ -32,9 +32,11 @@ def mixing_problems(files: CaseFiles, case: Case, mode: Mode) -> Iterator[Proble
         carried = {sensor.name: sensor.kind for sensor in vehicle.sensors}
         for sensor in recipe.sensors:
             kind = sensor.kind_of(name)
-            if carried.get(sensor.name) != kind:
+            if (found := carried.get(sensor.name)) != kind:
                 message = f"vehicle '{name}' has no {kind} '{sensor.name}'"
-                meant = closest_word(sensor.name, carried)
+                meant = "" if found else closest_word(sensor.name, carried)
+                if found:
+                    message += f": its '{sensor.name}' is of type {found}"
                 yield files.recipe.problem(("sensors", sensor.name), message, meant, key=True)
     yield from _rate_problems(files.recipe, recipe, case)
     yield from _shape_problems(files.recipe, recipe, case)

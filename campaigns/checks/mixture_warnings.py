@@ -53,6 +53,28 @@ def nothing_isolated_warnings(files: CaseFiles, case: Case) -> Iterator[Problem]
             )
 
 
+def nothing_real_warnings(files: CaseFiles, case: Case) -> Iterator[Problem]:
+    """Yield a warning for each combination of a sensor that shows a world in which nothing is real.
+
+    The flight shows then what a simulation shows: the autonomy perceives the twin's world alone.
+    """
+    if case.recipe is None or files.recipe is None:
+        return
+    for combination in case.recipe.combinations:
+        filtered = {
+            side
+            for step in combination.steps
+            if step.kind.stage == "filter"
+            for side in step.parameters.sides()
+        }
+        covers = combination.merge.parameters.covers_with() == "twin" and "twin" not in filtered
+        if covers and traits_named(combination.sensor.kind).visibility:
+            message = f"the mixture of '{combination.sensor.name}' is the twin's reading alone"
+            yield files.recipe.problem(
+                (*combination.path, "merge"), f"{message}: nothing real is in it", key=True
+            )
+
+
 def unmixed_object_warnings(files: CaseFiles, case: Case) -> Iterator[Problem]:
     """Yield a warning for virtual objects that no combination of the recipe mixes in.
 
@@ -71,7 +93,8 @@ def unmixed_object_warnings(files: CaseFiles, case: Case) -> Iterator[Problem]:
     yield from _named_and_not_shown(
         files.recipe, isolating, named_objects(case) & {*things.values()}
     )
-    if not isolating or not all(_leaves_out(one, set(things.values())) for one in isolating):
+    there = set(case.world.scene("wil", "Wv").names)
+    if not isolating or not all(_leaves_out(one, there) for one in isolating):
         return
     mixed = {name for one in isolating for name in one.isolated()}
     named = named_objects(case)
@@ -117,6 +140,6 @@ def _named_and_not_shown(
         )
 
 
-def _leaves_out(combination: Combination, things: set[str]) -> bool:
-    """Return whether a combination isolates some of the virtual objects, without `shows`."""
-    return combination.shows is None and bool(combination.isolated() & things)
+def _leaves_out(combination: Combination, there: set[str]) -> bool:
+    """Return whether a combination isolates by name what is in the virtual world, no `shows`."""
+    return combination.shows is None and bool(combination.isolated() & there)

@@ -23,7 +23,7 @@ class SignalFault:
 
     def __str__(self) -> str:
         """Return the fault in words."""
-        signal = "pose source" if self.sensor is None else f"sensor {self.sensor}"
+        signal = "pose source" if self.sensor is None else f"autonomy's sensor {self.sensor}"
         lasts = "" if self.for_s is None else f" for {self.for_s:g} s"
         when = f"{self.after_s:g} s after stage {self.stage}"
         return f"the {signal} of {self.vehicle} {_TEXTS[self.kind]} {when}{lasts}"

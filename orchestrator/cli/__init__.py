@@ -262,7 +262,8 @@ def _report_failure(error: BaseException) -> int:
     if os.environ.get("WIL_DEBUG") == "1":
         write_stderr(trace.rstrip())
         return INTERNAL_ERROR
-    message = f"internal error: {type(error).__name__}: {error}"
+    notes = getattr(error, "__notes__", ())
+    message = " ".join([f"internal error: {type(error).__name__}: {error}", *notes])
     try:
         with tempfile.NamedTemporaryFile(
             "w", prefix="wil-campaign-", suffix=".log", delete=False, encoding="utf-8"

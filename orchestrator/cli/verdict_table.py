@@ -89,7 +89,9 @@ def _control_cells(run: RunResult) -> Sequence[RenderableType]:
     """Return the verdict table's cells of a control; green where it ended as expected."""
     passed, _, *rest = _cells([run], None)
     met = run.control is not None and run.control.met
-    text = f"{run.verdict} (control)" if met else f"{run.verdict} (must not)"
+    # A FAIL that another oracle decided would read as one that must not fail.
+    wrong = "must not" if run.verdict == "PASS" else "not as required"
+    text = f"{run.verdict} ({'control' if met else wrong})"
     return (passed, Text(text, style="green" if met else "bold red"), *rest)
 
 
@@ -309,6 +311,8 @@ def _conclusion(summary: Summary, changed_since_flight: Sequence[str]) -> list[T
         named = "; ".join(again[:_MOST_RETRIED])
         parts.append(f"{len(again)} not at the first attempt ({named}{more})")
     parts += caveats_in_short(summary)
+    if summary.accepted and (count := len(summary.caveats)):
+        parts.append(f"{count} {'caveat' if count == 1 else 'caveats'}")
     style = "yellow" if parts else style
     if summary.not_flown:
         parts.append(f"never flown: {len(summary.not_flown)} of {_planned_count(summary)}")

@@ -1,6 +1,7 @@
 """The motion of vehicles as the oracles judged it, from judged.msgpack."""
 
 from dataclasses import dataclass, field
+from math import inf
 from pathlib import Path
 
 from wil_campaign.safety.evaluation.judge_log import (
@@ -29,6 +30,10 @@ class JudgedMotion:
     stages: dict[str, float] = field(default_factory=dict)
     fences: dict[str, list[tuple[float, Fence]]] = field(default_factory=dict)
     problems: list[str] = field(default_factory=list)
+
+    def near_ground_at(self, t_s: float) -> bool:
+        """Return whether a vehicle may have been near the ground then, as oracles judge it."""
+        return t_s < self.stages.get("at_height", inf) or t_s >= self.stages.get("land", inf)
 
 
 def read_judged_motion(path: Path) -> JudgedMotion:

@@ -25,7 +25,7 @@ class InternalFault:
     def of(cls, error: BaseException, where: str, t_s: float) -> Self:
         """Return the fault record of an exception."""
         try:
-            message = str(error)
+            message = " ".join([str(error), *getattr(error, "__notes__", ())])
         except Exception as other:  # noqa: BLE001 - __str__ may raise anything
             message = f"(its message raised {type(other).__name__})"
         trace = "".join(traceback.format_exception(error))

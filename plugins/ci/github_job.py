@@ -82,17 +82,21 @@ def _failures(
 ) -> Iterator[tuple[dict[str, str], str]]:
     """Yield place and text of what is a failure or an error in junit.xml."""
     root = ET.fromstring(junit_xml(summary, campaign.requirements, arm=arm))  # noqa: S314 - ours
-    flown = [("cases", run.case) for run in summary.runs]
-    for number, case in enumerate(root.iter("testcase")):
+    name = summary.campaign
+    paths = {f"{name}.{run.case}.{run.mode}": ("cases", run.case) for run in summary.runs}
+    paths |= {
+        f"{name}.controls.{run.case}.{run.mode}": ("controls", run.case) for run in summary.controls
+    }
+    for case in root.iter("testcase"):
         red = case.find("failure")
         red = case.find("error") if red is None else red
         if red is None:
             continue
-        path = flown[number] if number < len(flown) else ()
+        path = paths.get(case.get("classname", ""), ())
         line, column = campaign.document.place(path, key=True)
-        name = f"{case.get('classname')} {case.get('name')}: {red.get('type')}"
+        title = f"{case.get('classname')} {case.get('name')}: {red.get('type')}"
         place = _place(Problem(campaign.document.name, line, column, ""))
-        yield {**place, "title": name}, red.get("message", "")
+        yield {**place, "title": title}, red.get("message", "")
 
 
 def _place(problem: Problem) -> dict[str, str]:

@@ -138,6 +138,9 @@ def _choose_names(mixers: tuple[Mixer, ...], order: MixOrder) -> tuple[tuple[str
         found = [mixer for mixer in found if mixer.combination.sensor.kind == "camera"][:1]
     if not found:
         wanted = f"no sensor '{order.sensor}'" if order.sensor else "no camera"
+        kinds = {mixer.sensor: mixer.combination.sensor.kind for mixer in mixers}
+        if kind := kinds.get(order.sensor or ""):
+            wanted = f"'{order.sensor}', a {kind}, from recordings into an .mcap alone, no camera"
         raise OfflineError(f"{order.recipe.document.name}: combines {wanted} for {order.out.name}")
     return tuple(names_of_mixers(found))
 

@@ -49,7 +49,9 @@ def search_text(search: SearchCampaign, outcome: SearchOutcome) -> str:
             f"{failing_case.failed}/{failing_case.proven}",
             _interval_text(failing_case),
             failing_case.causes_text,
-            _changes_text(search, failing_case),
+            search.space.text(failing_case.reduced.values)
+            if failing_case.standing == "confirmed"
+            else "",
             outcome.files.get(failing_case.variant.name, ""),
         )
         for failing_case in found.cases
@@ -88,15 +90,6 @@ def _sentences(search: SearchCampaign, outcome: SearchOutcome) -> Iterator[str]:
 def _interval_text(case: FailingCase) -> str:
     interval = case.interval
     return "" if interval is None else f"[{interval.low:.2f}, {interval.high:.2f}]"
-
-
-def _changes_text(search: SearchCampaign, case: FailingCase) -> str:
-    if case.standing != "confirmed":
-        return ""
-    units = {parameter.name: parameter.unit for parameter in search.space.parameters}
-    return ", ".join(
-        f"{name} {value} {units[name]}".rstrip() for name, value in case.reduced.values.items()
-    )
 
 
 def search(

@@ -91,6 +91,10 @@ class StepParameters(Part):
         """Return the world objects named in a step's parameters, each with its path."""
         return ()
 
+    def covers_with(self) -> Side | None:
+        """Return the side that hides all of the other in a merge, where nothing filters it."""
+        return None
+
 
 class SidedParameters(StepParameters):
     """Parameters of a transform or filter step. on: the side it works on, usually the twin."""

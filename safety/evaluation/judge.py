@@ -1,7 +1,9 @@
 """The judge of a run: feeds each oracle its samples, collects flags and results."""
 
+import traceback
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import TypeVar
 
 from wil_campaign.safety.evidence.evidence import Evidence
@@ -327,7 +329,7 @@ class Judge:
         That of one whose vehicle dropped out is as of then.
         """
         return tuple(
-            self._ended.get(event_source_of(oracle.name, oracle.vehicle)) or oracle.result(t_s)
+            self._ended.get(event_source_of(oracle.name, oracle.vehicle)) or _result_of(oracle, t_s)
             for oracle in self.oracles
         )
 
@@ -376,17 +378,37 @@ class Judge:
 
     def _feed_oracles(self, handlers: Iterable[Handler[S]], sample: S) -> tuple[Flag, ...]:
         new: list[Flag] = []
+        raised: Exception | None = None
         for handler in handlers:
-            if flags := handler(sample):
-                new += flags
-        if not new:
-            return ()
+            try:
+                if flags := handler(sample):
+                    new += flags
+            except Exception as error:  # noqa: BLE001 - the others judge on, and it is raised below
+                raised = raised or error
+                self._leave_out(handler, error)
         self._flags += new
         for flag in new:
             source = event_source_of(flag.oracle, flag.vehicle)
             if flag.decisive and source in self._required:
                 self._event_once(DecisiveEvent(flag.t_s, "FAIL", flag.text, source))
+        if raised is not None:
+            raise raised
         return tuple(new)
+
+    def _leave_out(self, handler: Handler[S], error: Exception) -> None:
+        """Feed an oracle nothing more after its exception, and name it there."""
+        oracle = next(one for one in self.oracles if one is getattr(handler, "__self__", None))
+        _note_oracle(error, oracle)
+        self._ended[event_source_of(oracle.name, oracle.vehicle)] = oracle.invalid(
+            "it raised an error"
+        )
+        self._connect(
+            [
+                one
+                for one in self.oracles
+                if event_source_of(one.name, one.vehicle) not in self._ended
+            ]
+        )
 
     def _receive_evidence(self) -> None:
         events = self._evidence.events
@@ -397,6 +419,22 @@ class Judge:
     def _event_once(self, event: DecisiveEvent) -> None:
         if all(known.source != event.source for known in self._events):
             self._events.append(event)
+
+
+def _result_of(oracle: Oracle, t_s: float) -> OracleResult:
+    """Return an oracle's result; an exception of it names the oracle."""
+    try:
+        return oracle.result(t_s)
+    except Exception as error:
+        _note_oracle(error, oracle)
+        raise
+
+
+def _note_oracle(error: Exception, oracle: Oracle) -> None:
+    """Add to an exception which oracle raised it, and where."""
+    last = traceback.extract_tb(error.__traceback__)[-1]
+    place = f"{Path(last.filename).name} line {last.lineno}"
+    error.add_note(f"(oracle {oracle.name!r} of {oracle.vehicle}, {place})")
 
 
 def _overrides(oracle: Oracle, method: str) -> bool:

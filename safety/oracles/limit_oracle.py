@@ -1,5 +1,6 @@
 """The base of oracles that judge a value against limits, and their parameters."""
 
+import math
 from collections.abc import Callable, Iterator, Mapping
 from typing import Self
 
@@ -36,7 +37,11 @@ class LimitOracle(Oracle):
         self, t_s: float, actual: float, margin: float, text: Callable[[], str]
     ) -> Flags:
         """Judge a value by its margin to the limit; `text` describes a violation."""
-        if self._worst is None or margin < self._worst[0]:
+        known = margin if self._worst is None else self._worst[0]
+        # A margin that is not a number is worse than a limit that is kept, and no violation.
+        unknown, was_unknown = math.isnan(margin), math.isnan(known)
+        is_worse = margin < known or (unknown and known >= 0.0) or (was_unknown and margin < 0.0)
+        if self._worst is None or is_worse:
             self._worst = (margin, actual, t_s)
         left, self._outside = margin < 0.0 and not self._outside, margin < 0.0
         if not left:

@@ -171,8 +171,8 @@ class Oracle(ABC):
         """Return this oracle's result; INVALID if one of its numbers is not finite."""
         numbers = [x for x in (actual, margin, at_s) if x is not None]
         if not all(map(math.isfinite, numbers)):
-            bad = f"it got a value that is not finite ({actual})"
-            return self.invalid(bad)
+            given = f"value {actual}, margin {margin}"
+            return self.invalid(f"it got a value that is not finite ({given})")
         return OracleResult(
             name=self.name,
             vehicle=self.vehicle,
@@ -294,7 +294,12 @@ class OracleSpec:
             window=window,
             fail_fast=fail_fast and required,
         )
-        return self.factory(terms, parameters, context)
+        try:
+            return self.factory(terms, parameters, context)
+        except Exception as error:
+            if not isinstance(error, OracleError):
+                error.add_note(f"(oracle {name!r}, made by {self.factory.__module__})")
+            raise
 
 
 def oracle(

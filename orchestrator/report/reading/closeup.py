@@ -14,6 +14,7 @@ from wil_campaign.orchestrator.report.reading.world_facts import recorded_body
 from wil_campaign.safety.model import signals
 from wil_campaign.safety.model.oracle_results import OracleResult
 from wil_campaign.safety.model.samples import PoseSample
+from wil_campaign.safety.oracles.contact import ContactLimits
 from wil_campaign.worlds.clearance.clearance import ClearanceProbe
 from wil_campaign.worlds.scene.scene import Scene
 
@@ -122,7 +123,9 @@ def _values_of(
         for name in flight.scene.names
         if signal in {"clearance_m", signals.distance_name(name), f"distance to {name}"}
     ]
-    return _distance_to(names, vehicle, flight) if names else None
+    if not names:
+        return None
+    return _distance_to(names, vehicle, flight, spares_floors=signal == "clearance_m")
 
 
 def _fence_margin_m(fences: TimedFences, sample: PoseSample) -> float:
@@ -132,16 +135,22 @@ def _fence_margin_m(fences: TimedFences, sample: PoseSample) -> float:
 
 
 def _distance_to(
-    names: Sequence[str], vehicle: str, flight: JudgedFlight
+    names: Sequence[str], vehicle: str, flight: JudgedFlight, *, spares_floors: bool
 ) -> Callable[[PoseSample], float]:
-    """Return the distance from the body to the nearest of some objects, floors left out."""
+    """Return the distance from the body to the nearest of some objects.
+
+    spares_floors: floors count between at_height and land only.
+    """
     others = [name for name in flight.scene.names if name not in names]
-    body = recorded_body(flight.campaign, vehicle)
-    probe = ClearanceProbe(flight.scene, body, exclude=others, floors=False, within_m=_FAR_M)
-    events = flight.motion.world_events
+    body, motion = recorded_body(flight.campaign, vehicle), flight.motion
+    probe = ClearanceProbe(flight.scene, body, exclude=others, within_m=_FAR_M)
+    limits = ContactLimits()
+    limits.below_m = _FAR_M
 
     def distance(sample: PoseSample) -> float:
-        found = probe.sweep(sample.pose, sample.t_s, sample.pose, sample.t_s, events)
+        at, t_s = sample.pose, sample.t_s
+        limits.floors_ignored = spares_floors and motion.near_ground_at(t_s)
+        found = probe.sweep(at, t_s, at, t_s, motion.world_events, below_m=limits)
         return max(0.0, min((clearance.clearance_m for clearance in found), default=_FAR_M))
 
     return distance

@@ -6,10 +6,11 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from operator import itemgetter
 
+from wil_campaign.orchestrator.reading.judged_motion import JudgedMotion
 from wil_campaign.orchestrator.report.model import Point
 from wil_campaign.orchestrator.report.reading.curves import longest_step_s
 from wil_campaign.safety.fence.geofence import Fence
-from wil_campaign.safety.oracles.contact import CLEAR_AGAIN_M
+from wil_campaign.safety.oracles.contact import CLEAR_AGAIN_M, ContactLimits
 from wil_campaign.worlds.clearance.clearance import ClearanceProbe
 from wil_campaign.worlds.frames import Pose
 from wil_campaign.worlds.scene.parts import BoxShape
@@ -28,17 +29,22 @@ TimedFences = Sequence[tuple[float, Fence]]
 
 
 def clearance_values(
-    poses: Sequence[TimedPose], body: BoxShape, scene: Scene, events: Mapping[str, float]
+    poses: Sequence[TimedPose], body: BoxShape, scene: Scene, motion: JudgedMotion
 ) -> tuple[Point, ...]:
-    """Return the least clearance on each stretch between two poses, floors left out.
+    """Return the least clearance on each stretch between two poses.
 
-    As `collision` judges it: the body is swept between the poses, and contact is 0. Here between
-    at most 25 poses in a second.
+    As `clearance` judges it: the body is swept between the poses, contact is 0, and floors count
+    between at_height and land. Here between at most 25 poses in a second.
     """
-    probe = ClearanceProbe(scene, body, floors=False, within_m=SHOWN_WITHIN_M)
+    probe = ClearanceProbe(scene, body, within_m=SHOWN_WITHIN_M)
+    limits = ContactLimits()
+    limits.below_m = SHOWN_WITHIN_M
     found: list[Point] = []
     for (begin_s, begin), (end_s, end) in itertools.pairwise(_swept_poses(poses)):
-        near = probe.sweep(begin, begin_s, end, end_s, events, only_least=True)
+        limits.floors_ignored = motion.near_ground_at(end_s)
+        near = probe.sweep(
+            begin, begin_s, end, end_s, motion.world_events, below_m=limits, only_least=True
+        )
         least_m = min((clearance.clearance_m for clearance in near), default=SHOWN_WITHIN_M)
         found.append((end_s, max(0.0, least_m)))
     return tuple(found)

@@ -114,12 +114,19 @@ def _missed(
     beside = _beside(oracle.detail)
     if beside:
         return f"missed: it {beside}"
-    if at_last_s >= _LONG_S and passed is not None:
-        left = number_text(passed.distance_m, "m", 1)
-        return f"stopped for the last {at_last_s:.0f} s, and came no nearer to its goal than {left}"
-    if passed is not None:
-        return f"came no nearer to its goal than {number_text(passed.distance_m, 'm', 1)}"
-    return "did not reach its goal"
+    if passed is None:
+        return "did not reach its goal"
+    nearest = f"came no nearer to its goal than {_left(oracle, passed)}"
+    is_stopped = at_last_s >= _LONG_S
+    return f"stopped for the last {at_last_s:.0f} s, and {nearest}" if is_stopped else nearest
+
+
+def _left(oracle: OracleResult, passed: NearestPass) -> str:
+    """Return how far from its goal a vehicle stayed; of a position with the tolerance."""
+    if oracle.name != "reached_position" or not isinstance(oracle.limit, float):
+        return number_text(passed.distance_m, "m", 1)
+    left_m = passed.distance_m if oracle.actual is None else oracle.actual
+    return f"{distinct_value_text(left_m, oracle.limit, digits=1)} m (limit {oracle.limit:g} m)"
 
 
 def _beside(detail: str) -> str:

@@ -57,14 +57,16 @@ def _clearance_plot(
 ) -> Plot:
     if not flight.scene.objects:
         return Plot("clearance", "m", ())
-    events = flight.motion.world_events
     curves = []
     for name, found in poses.items():
         body = recorded_body(flight.campaign, name)
-        swept = clearance_values(found, body, flight.scene, events)
+        swept = clearance_values(found, body, flight.scene, flight.motion)
         curves.append(curve_of(name, swept))
     lines = (PlotLimit(0.0), *_lines("clearance_m", limits))
-    note = f"least distance of the body to objects except floors; capped at {SHOWN_WITHIN_M:g} m"
+    note = (
+        "least distance of the body to objects, between at_height and land to floors too; "
+        f"capped at {SHOWN_WITHIN_M:g} m"
+    )
     return Plot("clearance", "m", tuple(curves), lines, note, subject)
 
 

@@ -34,13 +34,13 @@ def values_without_own(space: SearchSpace, values: Values) -> dict[str, Paramete
 def _fewer_keys(
     space: SearchSpace, values: Mapping[str, ParameterValue]
 ) -> Generator[Values, bool, Mapping[str, ParameterValue]]:
-    """Try to remove keys: first half of them at once, in the end one by one."""
+    """Try to remove keys: first half of them at once, in the end one by one, the last too."""
     size = max(1, len(values) // 2)
     while True:
         is_smaller = False
         for chunk in _chunks(tuple(values), size):
             fewer = {name: value for name, value in values.items() if name not in chunk}
-            if fewer and fewer != values and space.admits(fewer) and (yield fewer):
+            if fewer != values and space.admits(fewer) and (yield fewer):
                 values, is_smaller = fewer, True
         if size > 1:
             size //= 2

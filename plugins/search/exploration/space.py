@@ -102,6 +102,12 @@ class SearchSpace:
             for parameter in self.parameters
         }
 
+    def text(self, values: Values) -> str:
+        """Return values with their units, as text; without one the campaign is as it is."""
+        units = {parameter.name: parameter.unit for parameter in self.parameters}
+        texts = (f"{name} {value} {units[name]}".rstrip() for name, value in values.items())
+        return ", ".join(texts) or "nothing: the case fails as it is"
+
     def admits(self, values: Values) -> bool:
         """Return whether values keep every constraint."""
         return self.broken_constraint(values) is None

@@ -15,7 +15,7 @@ from wil_campaign.plugins.search.exploration.coverage import SpaceCoverage, spac
 from wil_campaign.plugins.search.exploration.model import SearchFindings
 from wil_campaign.plugins.search.exploration.search_campaign import SearchCampaign
 from wil_campaign.plugins.search.exploration.sensed import SensedCoverage
-from wil_campaign.plugins.search.exploration.space import SearchSpace, Values
+from wil_campaign.plugins.search.exploration.space import SearchSpace
 from wil_campaign.plugins.search.report.sensed_svg import sensed_panels
 from wil_campaign.plugins.search.report.space_svg import space_panels
 from wil_campaign.plugins.search.search_document import sensed_coverage_of, unsettled_texts
@@ -44,11 +44,6 @@ def render_search(
     page: SearchPage, space: SearchSpace, findings: SearchFindings, *, made_utc: str
 ) -> str:
     """Return the page of a search as HTML."""
-
-    def values_text(values: Values) -> str:
-        units = {parameter.name: parameter.unit for parameter in space.parameters}
-        return ", ".join(f"{name} {value} {units[name]}".rstrip() for name, value in values.items())
-
     return render_template(
         "search.html.j2",
         package="wil_campaign.plugins.search.report",
@@ -57,8 +52,8 @@ def render_search(
         panels=space_panels(space, findings),
         seen=sensed_panels(page.sensed),
         constraints=[constraint.text for constraint in space.constraints],
-        values_text=values_text,
-        farthest="" if page.coverage.farthest is None else values_text(page.coverage.farthest),
+        values_text=space.text,
+        farthest="" if page.coverage.farthest is None else space.text(page.coverage.farthest),
         made_utc=made_utc,
     )
 

@@ -102,6 +102,11 @@ class ReplaceParameters(StepParameters):
             return f"a {kind} has no '{self.when.what}' (it has {known})"
         return ""
 
+    def covers_with(self) -> Side | None:
+        """Return the source of a replacement without a rule."""
+        rules = (self.sector, self.region, self.when)
+        return self.source if all(rule is None for rule in rules) else None
+
     def needed(self) -> frozenset[Need]:
         """Return depth where a replacement's condition uses it."""
         asks = self.when is not None and self.when.what == "depth_m"

@@ -152,7 +152,8 @@ def isolate_objects(parameters: IsolateObjectsParameters, context: StepContext) 
     ) -> AnyMasked:
         ids = work.reading.object_ids
         if ids is None:
-            raise CannotMixError("no_ids", "isolate_objects: the reading has no object ids")
+            reason = "the reading has no object ids; a drawn camera gives them with `register`"
+            raise CannotMixError("no_ids", f"isolate_objects: {reason}")
         # OpenCV is faster for images, but does not accept an empty cloud.
         kept = cv2.LUT(ids, table) if ids.ndim == 2 else table[ids]
         return Masked(work.reading, intersect_masks(kept, work.mask))

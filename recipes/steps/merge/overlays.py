@@ -123,6 +123,10 @@ class OverlayParameters(StepParameters):
         """Return that an overlay with occlusion by depth needs depth."""
         return frozenset({"depth"}) if self.occlusion == "by_depth" else frozenset()
 
+    def covers_with(self) -> Side | None:
+        """Return the upper side of an overlay where no depth is compared."""
+        return self.priority[0] if self.occlusion == "none" else None
+
     def refuses(self, kind: str) -> str:
         """Return why an overlay option makes no sense for a sensor type."""
         if self.soft_edge_px and kind != "camera":

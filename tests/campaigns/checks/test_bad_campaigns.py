@@ -289,6 +289,16 @@ def test_mode_wil_needs_a_recipe(files: Any) -> None:
     assert len(files.load().runs) == 6
 
 
+def test_a_sensor_of_another_type_is_named_with_its_own(files: Any) -> None:
+    """Its own name was suggested: "has no lidar 'camera'; did you mean 'camera'?"."""
+    files.change("{camera: {type: camera", "{camera: {type: depth", file="recipe.yaml")
+    assert files.faults() == [
+        f"recipe.yaml:2:11: vehicle '{vehicle}' has no depth 'camera': "
+        "its 'camera' is of type camera"
+        for vehicle in ("real", "twin")
+    ]
+
+
 def test_a_sensor_of_the_recipe_must_be_on_both_vehicles(files: Any) -> None:
     text = files.path.read_text()
     files.path.write_text(text.replace("      camera: {", "      front: {", 1))

@@ -319,6 +319,37 @@ def test_a_recipe_that_mixes_all_or_says_what_it_shows_is_not_warned_of(
     assert warned(files) == []
 
 
+@pytest.mark.parametrize(
+    ("filters", "merge", "is_caveat"),
+    [
+        ("", "replace: {source: twin}", True),
+        ("", "overlay: {occlusion: none}", True),
+        ("", "overlay: {priority: [twin, real]}", False),
+        ("", "replace: {source: twin, region: {left: 0.5}}", False),
+        ("    filter: [{isolate_objects: [gate]}]\n", "replace: {source: twin}", False),
+    ],
+)
+def test_a_mixture_in_which_nothing_is_real_is_a_caveat(
+    files: Any, filters: str, merge: str, *, is_caveat: bool
+) -> None:
+    """A run in mode wil passed on the twin's images alone, as in simulation."""
+    files.change("    filter: [{isolate_objects: [gate]}]\n", filters, file="recipe.yaml")
+    files.change("overlay: {priority: [twin, real]}", merge, file="recipe.yaml")
+    text = "the mixture of 'camera' is the twin's reading alone: nothing real is in it"
+    assert files.load().caveats == ((text,) if is_caveat else ())
+
+
+def test_a_recipe_that_isolates_only_what_both_worlds_have_is_warned_of(files: Any) -> None:
+    """It isolated no virtual object at all, and nothing was said."""
+    files.append(INTRUDER, file="world.yaml")
+    files.change(
+        "    color: orange\n",
+        "    color: orange\n    exists_in: {sim: both, wil: both, real: both}\n",
+        "world.yaml",
+    )
+    assert warned(files) == [f"recipe.yaml:5:5: {NOT_MIXED} (list the intended objects in `shows`)"]
+
+
 def test_a_recipe_that_isolates_only_what_the_virtual_world_lacks_is_a_caveat(files: Any) -> None:
     """The mixture is the real image then, and whatever is passed is passed without the object."""
     files.append(INTRUDER.replace("wil: Wv", "wil: none"), file="world.yaml")

@@ -23,7 +23,10 @@ def test_faults_are_read_and_each_result_says_them(files: Any) -> None:
     )
     assert campaign.caveats == (
         "fault injected: the pose source of real stops 1 s after stage goal",
-        "fault injected: the sensor camera of real freezes 0 s after stage at_height for 2 s",
+        (
+            "fault injected: the autonomy's sensor camera of real freezes 0 s after stage "
+            "at_height for 2 s"
+        ),
     )
 
 

@@ -50,7 +50,8 @@ def test_a_fault_is_written_with_its_signal_time_and_duration() -> None:
     frozen = SignalFault(
         vehicle="real", sensor="camera", kind="freeze", stage="goal", after_s=1.5, for_s=0.5
     )
-    assert str(frozen) == "the sensor camera of real freezes 1.5 s after stage goal for 0.5 s"
+    said = "the autonomy's sensor camera of real freezes 1.5 s after stage goal for 0.5 s"
+    assert str(frozen) == said
     stopped = SignalFault(vehicle="twin", sensor=None, kind="stop", stage="takeoff")
     assert str(stopped) == "the pose source of twin stops 0 s after stage takeoff"
 

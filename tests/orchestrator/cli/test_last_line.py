@@ -56,6 +56,15 @@ def test_a_short_last_line_has_all() -> None:
     assert "above" not in last
 
 
+def test_a_caveat_of_the_campaigns_file_is_counted_in_the_last_line() -> None:
+    """The last line was a green "accepted", whatever the file leaves unjudged or unmixed."""
+    text = "isolates 'wall' alone, and Wv in mode wil has nothing of it: nothing is mixed in"
+    flown = summary([result() for _ in range(3)])
+    *_, caveat, last = conclusion_lines(replace(flown, caveats=(text,), surrogate=False))
+    assert (caveat.plain, last.plain) == (text, "accepted; 1 caveat")
+    assert last.style == "yellow"
+
+
 def test_a_reason_printed_while_flying_is_not_repeated() -> None:
     late = LaterEvent("INVALID", "mixing of camera: the mixture never showed gate", 9.0)
     failed = replace(result("FAIL"), reason="never flew through gate", also=(late,))

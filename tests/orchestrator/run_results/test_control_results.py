@@ -151,11 +151,13 @@ def test_a_control_that_fails_by_another_oracle_says_once_by_which_and_what_to_w
 
 
 def test_a_control_has_a_row_of_its_own() -> None:
-    table = verdict_table(summary(result(), control()), ONE)
+    passed, other = control("PASS", decided_by=""), control(decided_by="collision/twin")
+    table = verdict_table(summary(result(), control(), passed, other), ONE)
     cells = {column.header: [str(cell) for cell in column.cells] for column in table.columns}
-    assert cells["case"] == ["large", "blind"]
-    assert cells["verdict"] == ["PASS", "FAIL (control)"]
-    assert str(table.title) == "gate: 1 run, 1 control"
+    assert cells["case"] == ["large", "blind", "blind", "blind"]
+    ends = ["FAIL (control)", "PASS (must not)", "FAIL (not as required)"]
+    assert cells["verdict"] == ["PASS", *ends]
+    assert str(table.title) == "gate: 1 run, 3 controls"
 
 
 @pytest.mark.parametrize(

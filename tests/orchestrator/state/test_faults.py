@@ -60,3 +60,12 @@ def test_a_cancellation_that_a_fault_handler_requests_is_raised() -> None:
     with pytest.raises(asyncio.CancelledError):
         asyncio.run(run())
     assert logged == ["a display: ValueError: boom"]
+
+
+def test_a_fault_has_the_notes_of_its_exception() -> None:
+    error = IndexError("list index out of range")
+    error.add_note("(oracle 'gentle' of twin, gentle.py line 24)")
+    assert InternalFault.of(error, "in flight", 1.0).text == (
+        "in flight: IndexError: list index out of range "
+        "(oracle 'gentle' of twin, gentle.py line 24)"
+    )

@@ -128,7 +128,7 @@ def test_a_run_whose_fault_never_began_is_invalid(
         run_state.enter("end")
         return [f"{event.kind}: {event.text}" for event in run_state.decisive]
 
-    never = f"INVALID: an injected fault never began: the sensor {sensor} of real stops"
+    never = f"INVALID: an injected fault never began: the autonomy's sensor {sensor} of real stops"
     decided = run_virtual(fly())
     assert decided == ["FAIL: a contact"] if is_decided else len(decided) == (not begins)
     assert all(one.startswith((never, "FAIL")) for one in decided)

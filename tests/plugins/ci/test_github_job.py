@@ -13,6 +13,7 @@ from wil_campaign.campaigns.expansion.expansion import Campaign, ExpansionOption
 from wil_campaign.orchestrator.cli import main
 from wil_campaign.orchestrator.cli.announcements import announce_verdicts
 from wil_campaign.orchestrator.run_results.campaign_results import Summary
+from wil_campaign.orchestrator.run_results.control_results import ControlResult
 from wil_campaign.plugins.ci.github_job import summary_markdown
 
 Capture = pytest.CaptureFixture[str]
@@ -82,6 +83,22 @@ def test_failed_required_runs_are_annotations_of_their_case(
         "hit <img src=x> | `gate` @someone #1 ![p](data:x)%0Anext"
     )
     assert all("not flown" in one for one in rest)  # what the campaign requires besides
+
+
+def test_a_control_that_ended_otherwise_is_an_annotation_of_its_line(
+    gate: Campaign, job: Path, tmp_path: Path, capsys: Capture
+) -> None:
+    summary = flown(gate, "PPPPP")
+    blind = replace(
+        summary.runs[0],
+        case="blind",
+        required=False,
+        control=ControlResult("large", "FAIL", "reached", None, met=False),
+    )
+    announce_verdicts(gate, replace(summary, controls=(blind,)), tmp_path)
+    line, column = gate.document.place(("controls", "blind"), key=True)
+    place = f"::error file=campaigns/gate.yaml,line={line},col={column},title=gate.controls.blind"
+    assert any(one.startswith(place) for one in annotations(capsys))
 
 
 def test_what_passes_has_no_annotation_and_a_share_forgives(

@@ -292,6 +292,7 @@ def test_bad_input_is_reported_and_nothing_is_written(
         (("--place", "1,2,x"), "--place 1,2,x"),
         (("--real-fov-deg", "180"), "--real-fov-deg 180"),
         (("--sensor", "sonar"), "no sensor 'sonar'"),
+        (("--sensor", "range"), "'range', a rangefinder, from recordings into an .mcap alone"),
         (("--stages", "SHEET", "--frame", "1"), "there is no frame 1"),
         (("--real-depth", "DEPTH"), "depth of 3x2 for an image of 160x120"),
         (("--twin-depth", "PHOTO"), "is not a 16-bit image"),

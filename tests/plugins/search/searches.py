@@ -18,7 +18,7 @@ search:
   strategy: grid
   budget: {sim: 3}
   confirm: {flights: 2, most: 1}
-  reduce: 2
+  reduce: 4
 """
 
 

@@ -54,13 +54,13 @@ def test_a_failure_is_found_confirmed_made_smaller_and_flown_from_its_file(
     (failure,) = found["failures"]
     assert (failure["cause"], failure["failed"]) == ("altitude/twin", 2)
     assert failure["reduced"]["values"] == {"height": 1.6}
-    assert sum(one["flights"] for one in found["costs"]) == 6
+    assert sum(one["flights"] for one in found["costs"]) == 8
     # Open ground, and nothing on it: each sector is empty in each of the flights.
     (scan,) = found["sensed"]
-    assert (scan["sensor"], scan["flights"], scan["seen_in"]) == ("scan", 6, 0)
+    assert (scan["sensor"], scan["flights"], scan["seen_in"]) == ("scan", 8, 0)
     assert (scan["distinct_readings"], scan["last_new_in_flight"]) == (1, 1)
     levels = [(one["sector"], one["level"], one["flights"]) for one in scan["cells"]]
-    assert levels == [(sector, 5, 6) for sector in range(8)]
+    assert levels == [(sector, 5, 8) for sector in range(8)]
     (folder,) = (out / "hover" / "search").iterdir()
     assert "nearest by scan" in (folder / "report.html").read_text()
     contents = read_ledger((folder / "ledger.jsonl").read_text())
@@ -70,7 +70,7 @@ def test_a_failure_is_found_confirmed_made_smaller_and_flown_from_its_file(
     assert "<svg" in (folder / "report.html").read_text()
     assert main(["run", str(folder / failure["file"]), "--out", str(tmp_path / "again")]) == 1
     again = sorted((tmp_path / "again").glob("*/*/failure-*/sim/*/result.json"))
-    reduced = sorted((folder / "flights" / "0004").glob("*/sim/*/result.json"))
+    reduced = sorted((folder / "flights" / "0005").glob("*/sim/*/result.json"))
     # The same seeds: the same flights, to the last digit.
     assert [flown_height_m(one) for one in again] == [flown_height_m(one) for one in reduced]
     assert len(again) == 2

@@ -18,7 +18,7 @@ from wil_campaign.plugins.cluster import ray_engine
 BRIEF = (
     SEARCH.replace("steps: 3", "steps: 2")
     .replace("sim: 3", "sim: 2")
-    .replace("reduce: 2", "reduce: 0")
+    .replace("reduce: 4", "reduce: 0")
 )
 ASKING = {"modes: [sim]": "modes: [sim, real]\nbench: hall-a"}
 OF_BENCH = """\

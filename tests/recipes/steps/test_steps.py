@@ -118,6 +118,7 @@ def test_objects_need_ids_and_a_name_that_the_world_knows() -> None:
     with pytest.raises(CannotMixError) as caught:
         choose(Masked(reading(picture())), None)
     assert caught.value.reason == "no_ids"
+    assert "`register`" in str(caught.value)
     with pytest.raises(ValueError, match="no object 'door'"):
         build("isolate_objects", StepContext({"gate": 7}), names=["door"])
 

@@ -22,6 +22,7 @@ from wil_campaign.safety.oracles.oracle import (
     OracleError,
     OracleTerms,
     RunMode,
+    Windowed,
 )
 from wil_campaign.safety.oracles.registry import oracle_kinds
 from wil_campaign.vehicles.autopilots.autopilot import FlightMode
@@ -62,6 +63,52 @@ def pose(t_s: float, vehicle: str, at: Vec3) -> PoseSample:
 
 def state(t_s: float, vehicle: str, *, armed: bool, landed: bool) -> StateSample:
     return StateSample(t_s, vehicle, armed, FlightMode.LAND, "LAND", landed)
+
+
+class Broken(Oracle):
+    """Raises at each pose, as the oracle of a plugin may."""
+
+    def on_pose(self, sample: PoseSample) -> Flags:
+        raise IndexError(f"nothing at {sample.t_s}")
+
+    def result(self, t_s: float) -> OracleResult:
+        del t_s
+        return self.verdict(passed=True)
+
+
+def test_an_oracle_that_raises_is_named_once_and_the_others_judge_on() -> None:
+    (fence,) = build_oracles([use("geofence")], contexts("sim"))
+    judge = Judge([Broken(OracleTerms(name="gentle", vehicle="twin", required=True)), fence])
+    judge.stage(StageSample(0.0, "takeoff"))
+    with pytest.raises(IndexError) as raised:
+        judge.pose(pose(1.0, "twin", (0, 0, -9)))
+    (note,) = raised.value.__notes__
+    assert note.startswith("(oracle 'gentle' of twin, test_judge.py line ")
+    assert [event.source for event in judge.decisive] == ["geofence/twin"]
+    assert judge.pose(pose(1.1, "twin", (0, 0, -9))) == ()
+    found = {result.name: result.verdict for result in judge.results(2.0)}
+    assert found == {"gentle": "INVALID", "geofence": "FAIL"}
+
+
+def test_an_oracle_whose_result_raises_is_named() -> None:
+    class Unsure(Oracle):
+        def result(self, t_s: float) -> OracleResult:
+            raise IndexError(f"nothing at {t_s}")
+
+    judge = Judge([Unsure(OracleTerms(name="gentle", vehicle="twin", required=True))])
+    with pytest.raises(IndexError) as raised:
+        judge.results(2.0)
+    assert raised.value.__notes__[0].startswith("(oracle 'gentle' of twin, test_judge.py line ")
+
+
+def test_an_oracle_that_cannot_be_made_is_named() -> None:
+    def raises(*_: object) -> Oracle:
+        raise NameError("name 'Gntle' is not defined")
+
+    spec = replace(oracle_kinds()["geofence"], factory=raises)
+    with pytest.raises(NameError) as raised:
+        spec.build("gentle", Windowed(), contexts("sim")["twin"], required=True)
+    assert raised.value.__notes__ == [f"(oracle 'gentle', made by {__name__})"]
 
 
 def test_a_failure_in_flight_is_no_goal_that_is_not_reached_yet() -> None:

@@ -5,7 +5,8 @@ import pytest
 
 from tests.safety.oracles.oracle_rigs import build, fly, numbers, pose, stage, state
 from wil_campaign.safety.model.samples import LinkSample, PoseSample
-from wil_campaign.safety.oracles.oracle import Oracle, OracleContext, OracleError
+from wil_campaign.safety.oracles.limit_oracle import LimitOracle
+from wil_campaign.safety.oracles.oracle import Oracle, OracleContext, OracleError, OracleTerms
 from wil_campaign.worlds.frames import Pose, Vec3
 
 
@@ -281,6 +282,26 @@ def test_a_value_that_is_not_finite_never_reaches_a_result() -> None:
     result = judge.verdict(passed=True, actual=math.nan, margin=1.0)
     assert (result.verdict, result.actual, result.margin) == ("INVALID", None, None)
     assert "not finite" in result.detail
+
+
+@pytest.mark.parametrize(
+    ("margins", "verdict"),
+    [
+        ((1.0, math.nan, 2.0), "INVALID"),
+        ((math.nan, 1.0), "INVALID"),
+        ((1.0, -1.0, math.nan), "FAIL"),
+        ((math.nan, -1.0, math.nan), "FAIL"),
+    ],
+)
+def test_a_margin_that_is_not_a_number_is_no_pass(margins: tuple[float, ...], verdict: str) -> None:
+    """Each comparison with it is false: after a finite one it was as if it had not been."""
+    judge = LimitOracle(OracleTerms(name="own", vehicle="real", required=True), unit="m", limit=1.0)
+    for t_s, margin in enumerate(margins):
+        judge.judge_margin(t_s, 0.035, margin, lambda: "real left it")
+    result = judge.result(9.0)
+    assert result.verdict == verdict
+    if verdict == "INVALID":
+        assert result.detail == "it got a value that is not finite (value 0.035, margin nan)"
 
 
 def test_asking_for_a_result_changes_none() -> None:

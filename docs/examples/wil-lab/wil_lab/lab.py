@@ -18,8 +18,10 @@ class Calm(LimitOracle):
         rate = abs(sample.velocity_ned_m_s[2])
         if not self.stages.covers(sample.t_s):
             return ()
-        margin, text = self.max_m_s - rate, lambda: f"climbs at {rate:.2f} m/s"
-        return self.judge_margin(sample.t_s, rate, margin, text)
+        margin, text = self.max_m_s - rate, f"; the limit is {self.max_m_s:g} m/s"
+        return self.judge_margin(
+            sample.t_s, rate, margin, lambda: f"{self.vehicle} climbs at {rate:.2f} m/s{text}"
+        )
 
 
 @oracle("calm", "climbs and sinks no faster than max_m_s", CalmParameters)

@@ -40,6 +40,13 @@ def test_a_vehicle_that_stopped_before_its_goal() -> None:
     )
 
 
+def test_a_place_that_was_just_missed_has_its_tolerance_beside_it() -> None:
+    """It came "no nearer than 0.4 m", where 0.4 m had sufficed."""
+    near = OracleResult("reached_position", "real", True, "FAIL", 0.402, 0.4, "m", -0.002, None, "")
+    found = line_of(near, flown(0, 2, 4), NearestPass(11.0, 0.402))
+    assert found == "The real vehicle came no nearer to its goal than 0.402 m (limit 0.4 m)."
+
+
 def test_a_vehicle_that_flew_past() -> None:
     found = line_of(
         missed("never flew through gate; passed 1.12 m beside it"), flown(0.0, 2.0, 4.0)

@@ -12,8 +12,8 @@ from wil_campaign.foundation.files.documents import Data, parse_document
 from wil_campaign.orchestrator.reading.judged_motion import JudgedMotion
 from wil_campaign.orchestrator.reading.results_folder import read_campaign_documents
 from wil_campaign.orchestrator.recording.judge_log_file import JudgeLogWriter
-from wil_campaign.orchestrator.report.model import Plot, RunReport
-from wil_campaign.orchestrator.report.reading.closeup import JudgedFlight
+from wil_campaign.orchestrator.report.model import Plot, RunReport, VerdictCause
+from wil_campaign.orchestrator.report.reading.closeup import JudgedFlight, closeup_of
 from wil_campaign.orchestrator.report.reading.distances import TimedPose
 from wil_campaign.orchestrator.report.reading.held_limits import HeldLimit, held_limits
 from wil_campaign.orchestrator.report.reading.run_reader import read_run
@@ -21,6 +21,7 @@ from wil_campaign.orchestrator.report.reading.sight_decoding import ImageSize
 from wil_campaign.orchestrator.report.reading.signal_plots import motion_plots
 from wil_campaign.orchestrator.report.reading.world_facts import recorded_body
 from wil_campaign.safety.fence.geofence import Fence
+from wil_campaign.safety.model.oracle_results import OracleResult
 from wil_campaign.safety.model.samples import PoseSample, StageSample
 from wil_campaign.safety.oracles.oracle import OracleContext
 from wil_campaign.vehicles.embedded.physics.contact_world import BODY
@@ -28,7 +29,7 @@ from wil_campaign.worlds.clearance.clearance import ClearanceProbe
 from wil_campaign.worlds.frames import Pose
 from wil_campaign.worlds.scene.parts import BoxShape
 from wil_campaign.worlds.scene.scene import Scene, SceneObject
-from wil_campaign.worlds.scene.shapes import box_shape
+from wil_campaign.worlds.scene.shapes import box_shape, room_shape
 from wil_campaign.worlds.world_file.world import World
 
 STAGES = {"takeoff": 0.0, "at_height": 1.0, "goal": 1.0, "land": 9.0, "landed": 10.0}
@@ -110,6 +111,41 @@ def test_clearance_is_that_of_the_body_by_which_the_vehicle_was_judged() -> None
     judged_m = clearance_judged(poses, WALL, recorded_body(campaign, "real"))
     assert shown_m == pytest.approx(judged_m, abs=1e-6)
     assert judged_m == pytest.approx(0.65)
+
+
+ROOM = Scene(
+    (
+        SceneObject(
+            1, "hall", room_shape(size_north_m=12, size_east_m=5, height_m=3), Pose.of(0, 0, 0)
+        ),
+    )
+)
+
+
+def test_the_floor_that_a_clearance_was_judged_by_is_in_its_plot() -> None:
+    """The plot showed 1.5 m to the wall, above the limit, where 0.66 m to the floor failed."""
+    poses = [(k / 50, Pose.of(0.0, 0.0, 0.7 if 100 < k < 450 else 0.05)) for k in range(501)]
+    limits = held_limits({"clearance": {"min_m": 1.0}}, STAGES, 10.0, "real")
+    stages = {"takeoff": 0.0, "at_height": 3.0, "land": 8.0}
+    flight = JudgedFlight(JudgedMotion(stages=stages), ROOM, {})
+    (curve,) = plot_of("clearance", {"real": poses}, flight=flight, limits=limits).curves
+    in_flight = [value for t_s, value in curve.points if 3.0 < t_s < 8.0]
+    assert in_flight == [pytest.approx(0.65)] * len(in_flight)
+    # Before at_height and from land on the ground is no obstacle.
+    others = [value for t_s, value in curve.points if t_s < 3.0 or t_s >= 8.0]
+    assert min(others) == pytest.approx(2.0)
+
+
+def test_a_floor_that_came_too_near_has_a_closeup() -> None:
+    poses = [(k / 50, Pose.of(0.0, 0.0, 0.7)) for k in range(501)]
+    velocities = {"real": [(0.0, 0.0, 0.0)] * len(poses)}
+    limits = held_limits({"clearance": {"min_m": 1.0}}, STAGES, 10.0, "real")
+    motion = JudgedMotion({"real": poses}, velocities, stages=STAGES)
+    worst = OracleResult("clearance", "real", True, "FAIL", 0.65, 1.0, "m", -0.35, 5.0, "")
+    cause = VerdictCause("clearance of real", "", (), 5.0)
+    found = closeup_of(cause, worst, limits, JudgedFlight(motion, ROOM, {}))
+    assert found is not None
+    assert found.worst[1] == pytest.approx(0.65)
 
 
 @pytest.mark.parametrize(

@@ -61,7 +61,8 @@ def test_a_fault_of_a_placed_twins_camera_that_never_began_is_invalid(fly_run: F
     fault = "faults={twin: {sensors: {camera: {stop: {on: goal, after_s: 300}}}}}"
     result, _ = fly_run(sets=(*STEP, "vehicles.twin.coupling=placed", fault))
     assert result.reason == (
-        "an injected fault never began: the sensor camera of twin stops 300 s after stage goal"
+        "an injected fault never began: "
+        "the autonomy's sensor camera of twin stops 300 s after stage goal"
     )
 
 

@@ -379,6 +379,20 @@ def test_failures_count_whatever_their_causes_and_the_most_frequent_is_the_first
     assert votes_of([other, failed]).cause == votes_of([failed, other]).cause == "reached/twin"
 
 
+def test_a_case_that_fails_as_it_is_loses_every_key() -> None:
+    """A single key was never taken out: the failure seemed to be its value's."""
+    given = problem(plane(), budget={"sim": 1}, confirm_most=1)
+    search = Search(given, FixedStrategy(iter([{"x": 1.0, "y": 1.0}])))
+    batches = drive(search, lambda batch: fly(given.space, batch, lambda *_: -1.0))
+    (case,) = search.findings.confirmed
+    assert case.reduced.values == {}
+    assert case.is_reduced
+    assert [dict(b.flights[0].variant.values) for b in batches if b.purpose == "reduce"] == [
+        {"y": 1.0},
+        {},
+    ]
+
+
 def test_a_variant_that_fails_each_time_by_changing_causes_is_confirmed() -> None:
     """It is reduced to what fails as often, and by the most frequent cause as often."""
     changing = ("collision/twin", "reached/twin", "collision/twin", "speed/twin", "reached/twin")

@@ -62,6 +62,12 @@ def test_the_page_draws_each_pair_of_parameters_with_every_variant_in_it() -> No
     assert f'<td>explore</td><td class="num">{len(findings.tried)}</td>' in html
 
 
+def test_the_page_names_a_case_that_fails_as_it_is() -> None:
+    space = plane()
+    findings, _ = searched(problem(space, budget={"sim": 1}), lambda *_: -1.0, strategy="sobol")
+    assert "<bdi>nothing: the case fails as it is</bdi> (5/5)" in page_of(space, findings)
+
+
 def test_the_page_is_green_for_exit_code_0_alone() -> None:
     space = plane()
 
