@@ -167,6 +167,16 @@ def test_sticks_of_a_ground_station_arrive_and_the_flight_is_invalid(
         assert pair.core.latched is None
 
 
+def test_a_mode_from_a_ground_station_takes_over_nothing_on_the_ground(
+    fake_vehicle: Any, rig: Any
+) -> None:
+    resting = make_pair(fake_vehicle, rig, real={"armed": False})
+    frame = mode_command(FlightMode.HOLD, GCS)
+    assert resting.core.from_gcs("real", frame, resting.t_s) == (ToVehicle("real", (frame,)),)
+    assert resting.core.latched is None
+    assert resting.core.phases["real"] is ContingencyPhase.IDLE
+
+
 def test_a_pilot_who_has_taken_over_configures(pair: Any) -> None:
     pair.apply(pair.core.from_gcs("real", mode_command(FlightMode.HOLD, GCS), pair.t_s))
     for message in (

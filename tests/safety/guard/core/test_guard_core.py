@@ -14,6 +14,7 @@ from tests.safety.guard.guard_rigs import (
     setpoint,
     to_orchestrator,
 )
+from tests.vehicles.px4_modes import px4_custom_mode
 from wil_campaign.safety.fence.geofence import Fence
 from wil_campaign.safety.guard.core.commands import (
     AnchorAt,
@@ -393,6 +394,22 @@ def test_a_hold_after_an_abort_is_refused(pair: Any) -> None:
 def test_a_resume_of_nothing_is_refused(pair: Any) -> None:
     pair.apply(pair.core.apply(OperatorAction(OperatorCommand("resume", "anna")), pair.t_s))
     assert pair.kinds() == ["refused"]
+
+
+@pytest.mark.parametrize(("system", "component"), [(1, 100), (7, 1)])
+def test_a_vehicle_is_of_one_system_and_one_component(
+    pair: Any, system: int, component: int
+) -> None:
+    codec = MavlinkCodec(system_id=system, component_id=component)
+    kind = (mavlink.MAV_TYPE_QUADROTOR, mavlink.MAV_AUTOPILOT_PX4)
+    received_s = pair.core.last_received_s("real")
+    for base_mode, mode, status in ((0, 0, 4), (129, px4_custom_mode(4, 5), 5)):
+        message = mavlink.MAVLink_heartbeat_message(*kind, base_mode, mode, status, 3)
+        beat = codec.pack(message)
+        assert pair.core.from_vehicle("real", beat, pair.t_s) == (ToOrchestrator("real", (beat,)),)
+    assert pair.core.last_received_s("real") == received_s
+    pair.fly(3.0)
+    assert pair.core.latched is None
 
 
 @pytest.mark.parametrize(
