@@ -1,4 +1,5 @@
 import math
+from dataclasses import replace
 
 import pytest
 
@@ -122,6 +123,17 @@ def test_a_moving_gate_is_where_it_is_at_the_time() -> None:
     stage(chasing, goal=2.0)
     assert fly(still, (2.5, 0, -1), (3.5, 0, -1), start_s=5.0) == ["real passed beside gate"]
     assert fly(chasing, (2.5, 3, -1), (3.5, 4, -1), start_s=5.0) == ["real flew through gate"]
+
+
+def test_the_depth_behind_a_gate_that_moves_along_its_axis_is_of_that_time() -> None:
+    begin = Pose.of(3, 0, 1)
+    motion = ObjectMotion(begin, (Waypoint((6, 0, -1), 1.0),), StartOnEvent("goal"))
+    thing = SceneObject(1, "gate", gate_shape("square", 1.0, 0.1), begin, motion)
+    gate, events = SceneGate(thing, thing.shape.openings[0]), {"goal": 2.0}
+    assert gate.depth_m((4.0, 0.0, -1.0), 2.0, events) == pytest.approx(1.0)
+    assert gate.depth_m((4.0, 0.0, -1.0), 50.0, events) == pytest.approx(-2.0)
+    still = SceneGate(replace(thing, motion=None), thing.shape.openings[0])
+    assert still.depth_m((4.0, 0.0, -1.0), 50.0, events) == pytest.approx(1.0)
 
 
 def test_a_gate_that_is_not_there_is_refused() -> None:
