@@ -230,11 +230,11 @@ def local(mask: int, frame: int = 1, **fields: float) -> bytes:
 
 
 def test_a_heading_beside_a_turn_rate_is_the_heading() -> None:
-    """PX4 and ArduCopter turn to it; without it they turn at the rate."""
+    """The rate counts where no heading is given."""
     given = {"vx": 1.0, "yaw": 0.5, "yaw_rate": 0.25}  # exact as floats of 32 bits
-    both = read_setpoint(frame_of(local(0b000111000111, **given)), None)
+    both = read_setpoint(frame_of(local(0b000111000111, 1, **given)), None)
     assert both == VelocitySetpoint((1.0, 0.0, 0.0), 0.5, None)
-    rate = read_setpoint(frame_of(local(0b010111000111, **given)), None)
+    rate = read_setpoint(frame_of(local(0b010111000111, 1, **given)), None)
     assert rate == VelocitySetpoint((1.0, 0.0, 0.0), None, 0.25)
 
 
