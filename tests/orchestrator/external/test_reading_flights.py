@@ -32,6 +32,7 @@ from wil_campaign.vehicles.readings import (
     Reading,
 )
 from wil_campaign.vehicles.sources.camera_source import SourceError
+from wil_campaign.worlds.frames import Pose
 
 Fly = Callable[..., tuple[RunResult, Path]]
 Builder = Callable[[Any], Any]
@@ -380,12 +381,18 @@ def test_recorded_depth_is_mixed_perceived_recorded_and_read_back(
     )
     assert any((mixture.depth_m < 2.0).any() for mixture in mixtures), "of the twin's world as well"
     # The recording is a source itself.
+    mount = Pose((0.1, 0.0, 0.0))
     file = TopicReadings(
-        path=folder / "run.mcap", kind="depth", topic="/real/depth", camera=reals[0].intrinsics
+        path=folder / "run.mcap",
+        kind="depth",
+        topic="/real/depth",
+        mount=mount,
+        camera=reals[0].intrinsics,
     )
     file.open()
     again: list[Any] = list(iter(file.next, None))
     assert len(again) == len(reals)
+    assert {one.mount for one in again} == {mount}, "that of the sensor which it is now"
     assert all(np.array_equal(a.depth_m, b.depth_m) for a, b in zip(again, reals, strict=True))
 
 

@@ -26,7 +26,7 @@ from wil_campaign.vehicles.readings.checks import reading_fault
 from wil_campaign.vehicles.sources.camera_source import SourceError, SourceStalledError
 from wil_campaign.vehicles.sources.source_request import SourceRequest
 from wil_campaign.worlds.camera import Intrinsics
-from wil_campaign.worlds.frames import AT_ORIGIN
+from wil_campaign.worlds.frames import AT_ORIGIN, Pose
 
 WIDTH, HEIGHT = 160, 120
 LENS = Intrinsics.from_fov(WIDTH, HEIGHT, 1.2)
@@ -305,7 +305,8 @@ def library(monkeypatch: pytest.MonkeyPatch) -> Library:
 
 
 async def test_a_realsense_gives_metres_by_its_own_scale(library: Library) -> None:
-    async with open_realsense(request("realsense://0123", stall_s=0.5)) as live:
+    mount = Pose((0.1, 0.0, -0.2))
+    async with open_realsense(request("realsense://0123", stall_s=0.5, mount=mount)) as live:
         found = [await anext(live) for _ in range(4)]
         assert library.asked == ["0123", ("depth", WIDTH, HEIGHT, "z16", 15)]
         with pytest.raises(SourceStalledError):
@@ -316,6 +317,7 @@ async def test_a_realsense_gives_metres_by_its_own_scale(library: Library) -> No
         assert reading.depth_m[1, 1] == pytest.approx(1.2345)
         assert math.isinf(reading.depth_m[0, 0])
         assert (reading.intrinsics, reading.rendered) == (LENS, False)
+        assert reading.mount == mount
     assert [one.seq for one in found] == [0, 1, 4, 5], "two frames never came"
 
 

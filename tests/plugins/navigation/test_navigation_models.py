@@ -65,6 +65,9 @@ def test_a_fix_is_above_the_ellipsoid_and_the_worlds_origin_above_sea_level() ->
     at_sea_level = GpsSensor(source="twin", frame=HOME).sample(HOVER, 4.0, rng())
     assert reading.altitude_m == pytest.approx(at_sea_level.altitude_m + 47.5)
     assert reading_rest_fault(reading, pose=HOVER.pose, frame=above) is None
+    highest = replace(reading, altitude_m=reading.altitude_m + 990.0)  # of the 1000 m let pass
+    assert reading_rest_fault(highest, pose=HOVER.pose, frame=above) is None
+    assert reading_rest_fault(highest, pose=HOVER.pose, frame=HOME) is not None
 
 
 def test_a_fix_lies_on_the_globe_and_is_late() -> None:

@@ -64,7 +64,9 @@ def test_a_depth_image_has_its_camera() -> None:
     values = header.array("depth_m", np.dtype("<f4"), most=100).reshape(size)
     assert np.array_equal(values, reading.depth_m)
     assert camera.number("fx_px") == reading.intrinsics.fx_px
-    when = SampleStamps(1.0, 1.0, "twin", Pose((0, 0, 0)), reading.intrinsics)
+    mount = Pose((0.1, 0.0, -0.2))
+    when = SampleStamps(1.0, 1.0, "twin", mount, reading.intrinsics)
     back = read_reading(header, "depth", when)
     assert isinstance(back, DepthReading)
+    assert back.mount == mount
     assert np.array_equal(back.depth_m, reading.depth_m)

@@ -47,6 +47,13 @@ def test_the_shipped_gate_world() -> None:
     assert [opening.limit_m for opening in gate.shape.openings] == [0.5]
 
 
+def test_the_origin_has_its_height_above_the_sea_and_the_geoids_above_the_ellipsoid() -> None:
+    text = HEAD.replace("altitude_m: 488", "altitude_m: 488, undulation_m: 47.5") + CAGE
+    frame = World.parse(parse_document(text.encode(), name="w.yaml", path=Path("w.yaml"))).frame
+    assert (frame.altitude_m, frame.undulation_m) == (488.0, 47.5)
+    assert world(CAGE).frame.undulation_m == 0.0
+
+
 def test_the_shipped_hall_has_every_built_in_thing() -> None:
     hall = World.parse(load_document(ROOT / "worlds" / "hall.yaml"))
     kinds = {each.scene_object.shape.kind for each in hall.placed}
