@@ -1,6 +1,7 @@
-"""How late this machine runs the loop of a flight on the wall clock, as the cause of an INVALID."""
+"""How late this machine runs the loop of a flight on the wall clock, as the cause of a red run."""
 
 import asyncio
+import math
 from collections import deque
 from dataclasses import dataclass, field
 
@@ -9,8 +10,11 @@ from wil_campaign.safety.model.verdict import DecisiveEvent
 
 _TICK_S = 0.02
 """As often as setpoints and judged poses come."""
-LATE_S = 0.05
+_LATE_S = 0.05
 """Lateness that counts: two and a half periods of setpoints and judged poses."""
+_UNCOMMANDED_S = 0.5
+"""Lateness that explains a failsafe: setpoints were missing for as long. PX4's COM_OF_LOSS_T is 1 s
+by default, and the guard reports a silent orchestrator after 0.4 s unless it was late as well."""
 _BEFORE_S, _AFTER_S = 0.2, 1.0
 """How long before a lateness a gap that it explains may begin, and how long after it one counts."""
 _KEPT = 1000
@@ -20,7 +24,7 @@ _TIMED = ("evidence", "mixing", "sync")
 
 @dataclass(slots=True, kw_only=True)
 class MachineLateness:
-    """Records when the run's loop was late, and decides a run by it that is INVALID for that.
+    """Records when the run's loop was late, and decides a run as INVALID that is red for that.
 
     remedy: in words.
     """
@@ -28,6 +32,7 @@ class MachineLateness:
     run_state: RunState
     remedy: str
     _late: deque[tuple[float, float]] = field(default_factory=lambda: deque(maxlen=_KEPT))
+    _explained: list[DecisiveEvent] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         self.run_state.on_decisive(self._explain)
@@ -41,21 +46,27 @@ class MachineLateness:
             self.note(due_s, loop.time())
 
     def note(self, due_s: float, woken_s: float) -> None:
-        """Note when the loop was due to run, and when it did."""
-        if woken_s - due_s >= LATE_S:
+        """Note when the loop was due to run, and when it did.
+
+        A loop that wakes late reads its sockets before its timers, so that what came of the
+        lateness may be decided by now.
+        """
+        if woken_s - due_s >= _LATE_S:
             self._late.append((due_s, woken_s))
+            for event in tuple(self.run_state.decisive):
+                self._explain(event)
 
     def _explain(self, event: DecisiveEvent) -> None:
-        """Decide the run by the lateness that explains an INVALID."""
-        if event.kind != "INVALID" or event.source.partition("/")[0] not in _TIMED:
-            return
+        """Decide the run by the lateness that explains an event."""
+        least_s = _explaining_s(event)
         overlapping = [
             (woken_s - due_s, due_s)
             for due_s, woken_s in self._late
-            if due_s - _BEFORE_S <= event.t_s <= woken_s + _AFTER_S
+            if woken_s - due_s >= least_s and due_s - _BEFORE_S <= event.t_s <= woken_s + _AFTER_S
         ]
-        if not overlapping:
+        if not overlapping or event in self._explained:
             return
+        self._explained.append(event)
         late_s, at_s = max(overlapping)
         text = f"this machine was late by {late_s:.2f} s{self._when(at_s)}; {self.remedy}"
         # It is the cause of the event, and so comes before it.
@@ -67,6 +78,14 @@ class MachineLateness:
         if goal_s is None or t_s < goal_s:
             return " before the goal"
         return f", {t_s - goal_s:.2f} s after the goal"
+
+
+def _explaining_s(event: DecisiveEvent) -> float:
+    """Return how much lateness explains an event, in seconds; infinite where none does."""
+    if event.kind == "INVALID" and event.source.partition("/")[0] in _TIMED:
+        return _LATE_S
+    is_failsafe = event.kind == "FAIL" and event.source.startswith("guard.failsafe/")
+    return _UNCOMMANDED_S if is_failsafe else math.inf
 
 
 def lateness_remedy(*, virtual: bool) -> str:

@@ -1,4 +1,4 @@
-"""A machine that is too busy for the wall clock is named as the cause of an INVALID."""
+"""A machine that is too busy for the wall clock is named as the cause of a red run."""
 
 import pytest
 
@@ -27,9 +27,26 @@ def test_an_invalid_that_the_machine_s_lateness_explains_names_the_machine() -> 
     assert flight(lates, "INVALID", "sync/t0", 103.4) == [f"{cause}; {remedy}", skew]
 
 
+def test_a_failsafe_for_want_of_the_setpoints_of_a_late_machine_is_no_fail() -> None:
+    reasons = flight([(102.0, 103.1)], "FAIL", "guard.failsafe/real", 103.4)
+    assert reasons[0].startswith("this machine was late by 1.10 s, 2.00 s after the goal")
+
+
+def test_what_is_decided_before_the_lateness_is_noted_is_explained_too() -> None:
+    run_state = RunState(time=lambda: 100.0)
+    lateness = MachineLateness(run_state=run_state, remedy="fly on a free machine")
+    run_state.decide("INVALID", "skew", t_s=103.1, source="sync/t0")
+    for late in [(102.0, 103.1), (103.2, 103.4)]:
+        lateness.note(*late)
+    assert [event.source for event in run_state.decisive] == ["sync/t0", "machine/clock"]
+    assert decide_verdict(run_state.decisive, (), end_s=200.0).source == "machine/clock"
+
+
 @pytest.mark.parametrize(
     ("late", "kind", "source"),
     [
+        ((103.0, 103.4), "FAIL", "guard.failsafe/real"),
+        ((101.0, 102.3), "FAIL", "guard.failsafe/real"),
         ((103.2, 103.24), "INVALID", "sync/t0"),
         ((101.0, 101.5), "INVALID", "sync/t0"),
         ((105.0, 105.5), "INVALID", "sync/t0"),
