@@ -16,7 +16,7 @@ of the window at most; an interval that is not given ends with the window.
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from wil_campaign.plugins.stl.formula import Formula
+from wil_campaign.plugins.stl.formula import Formula, JunctorFormula
 from wil_campaign.plugins.stl.robustness import (
     ZERO,
     AtomOccurrence,
@@ -34,13 +34,15 @@ class FormulaRobustness:
 
     value: positive when it holds, negative when not; infinite where boolean signals
     decide. holds: tells < from <= where the value is 0. decided_by: the atom that decides,
-    None where none does; index: the sample with its value.
+    None where none does; index: the sample with its value. unmet: the implications whose premise
+    never held: they hold, and say nothing of what was recorded.
     """
 
     value: float
     holds: bool
     decided_by: AtomOccurrence | None
     index: int
+    unmet: tuple[JunctorFormula, ...] = ()
 
 
 class StlMonitor:
@@ -96,8 +98,11 @@ class StlMonitor:
         recording = SignalRecording(
             times_s, signals, end_s=end_s, mixed=self._mixed, best_after=best_after
         )
+        evaluation = FormulaEvaluation(recording)
         try:
-            value, by, index = FormulaEvaluation(recording).at_begin(self._formula)
+            value, by, index = evaluation.at_begin(self._formula)
         except UnevaluableError as error:
             return error.found
-        return FormulaRobustness(0.0 if abs(value) <= ZERO else value, value > 0.0, by, index)
+        return FormulaRobustness(
+            0.0 if abs(value) <= ZERO else value, value > 0.0, by, index, evaluation.unmet
+        )

@@ -122,6 +122,12 @@ class FormulaEvaluation:
         self._recording = recording
         self._occurrences: list[AtomOccurrence] = []
         self._known: dict[tuple[int, bool], StepFunction] = {}
+        self._unmet: list[JunctorFormula] = []
+
+    @property
+    def unmet(self) -> tuple[JunctorFormula, ...]:
+        """Return the implications whose premise held at no time at which it was asked for."""
+        return tuple(self._unmet)
 
     def at_begin(self, formula: Formula) -> tuple[float, AtomOccurrence | None, int]:
         """Return the robustness, the deciding atom and sample. Raises UnevaluableError."""
@@ -164,6 +170,8 @@ class FormulaEvaluation:
             case JunctorFormula(word, left, right):
                 forth = self._evaluate_implication(left, right, span_ns, positive=positive)
                 if word == "implies":
+                    if not np.any(self._of(left, span_ns, positive=not positive).values > 0.0):
+                        self._unmet.append(formula)
                     return forth
                 return lower_steps(
                     forth, self._evaluate_implication(right, left, span_ns, positive=positive)

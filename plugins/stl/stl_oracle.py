@@ -294,8 +294,9 @@ class StlOracle(Oracle):
         found = self.evaluated(t_s)
         if isinstance(found, UnevaluableFormula):
             return self.invalid(str(found), at_s=found.at_s)
+        beside = _unmet_text(found) if found.holds else ""
         if found.decided_by is None:
-            return self.verdict(passed=found.holds)
+            return self.verdict(passed=found.holds, detail=beside)
         times_s, values = self._trace.times_s, self._trace.values()
         part = deciding_part_of(found.decided_by, found.index, values, self._kinds)
         # A failure has the time from which on it was certain, not that of the deciding sample.
@@ -307,7 +308,7 @@ class StlOracle(Oracle):
             unit=part.unit,
             margin=part.margin,
             at_s=at_s,
-            detail="" if found.holds else part.violation,
+            detail=beside if found.holds else part.violation,
         )
 
     def so_far(self, t_s: float) -> OracleResult:
@@ -375,6 +376,13 @@ class StlOracle(Oracle):
                 )
                 self._trace.note(name, max(0.0, t_s - (since_s or 0.0)))
         self._trace.add_row(t_s)
+
+
+def _unmet_text(found: FormulaRobustness) -> str:
+    """Return which implications of a formula say nothing of the run; empty for none."""
+    columns = sorted({formula.at + 1 for formula in found.unmet})
+    places = " and ".join(f"column {column}" for column in columns)
+    return f"the premise of the implication at {places} never held" if places else ""
 
 
 def _read_formula(

@@ -382,6 +382,27 @@ def test_a_reason_names_the_part_that_was_violated_in_its_unit() -> None:
 
 
 @pytest.mark.parametrize(
+    ("text", "rows", "detail"),
+    [
+        ("up_m < 0.5 implies speed_m_s <= 1.2", [(0.5, 3.0), (0.6, 3.0)], "column 20"),
+        ("up_m <= 0.5 implies speed_m_s <= 1.2", [(0.5, 1.0), (0.6, 3.0)], ""),
+        ("armed implies up_m > 9 -> up_m > 1", [(2.0, 0.0)], "column 32"),
+        ("(up_m > 9 -> armed) and (up_m > 8 -> armed)", [(2.0, 0)], "column 19 and column 43"),
+        ("up_m > 1", [(2.0, 0.0)], ""),
+    ],
+)
+def test_a_pass_says_which_premise_never_held(
+    text: str, rows: list[tuple[float, float]], detail: str
+) -> None:
+    """It holds whatever the vehicle does, and shows nothing of what follows the premise."""
+    judge = stl(f"always ({text})")
+    judge.on_state(StateSample(2.0, "real", True, FlightMode.GUIDED))
+    result = fly(judge, *rows)
+    wanted = f"the premise of the implication at {detail} never held" if detail else ""
+    assert (result.verdict, result.detail) == ("PASS", wanted)
+
+
+@pytest.mark.parametrize(
     ("text", "detail"),
     [
         ("always not (up_m > 1)", "up_m <= 1 is violated: 2.000 m against 1 m"),
