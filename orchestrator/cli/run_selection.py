@@ -22,7 +22,7 @@ class RunSelection:
     mode
         Only this mode: sim, wil or real; may be given several times.
     repetitions
-        How often each case is flown in each mode.
+        How often each case is flown in each mode, if not as often as the file says.
     seed
         The seed from which those of the runs derive.
     set_
@@ -51,6 +51,24 @@ class RunSelection:
             sets=(*self.set_, *further),
             is_autonomy_isolated=True,
             benches=load_benches(self.bench_file),
+        )
+
+    @property
+    def words(self) -> tuple[str, ...]:
+        """Return the selection as words of a command line."""
+        many = {
+            "--case": self.case,
+            "--mode": self.mode,
+            "--repetitions": () if self.repetitions is None else (self.repetitions,),
+            "--seed": () if self.seed is None else (self.seed,),
+            "--set": self.set_,
+            "--bench-file": self.bench_file,
+        }
+        return tuple(
+            word
+            for option, values in many.items()
+            for value in values
+            for word in (option, str(value))
         )
 
     @classmethod

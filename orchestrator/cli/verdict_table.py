@@ -13,6 +13,7 @@ from rich.table import Table
 from rich.text import Text
 
 from wil_campaign.campaigns.values.acceptance import PassRequirement, RequirementStanding
+from wil_campaign.foundation.clocks.virtual_loop import Clock
 from wil_campaign.orchestrator.cli.external_lines import external_lines
 from wil_campaign.orchestrator.cli.progress_display import VERDICT_STYLES
 from wil_campaign.orchestrator.cli.text_table import count_text
@@ -258,12 +259,20 @@ def explained_words(summary: Summary) -> list[Text]:
     return [Text(line, style="dim") for line, is_shown in found.items() if is_shown]
 
 
-def next_steps(summary: Summary, *, file: Path, folder: Path, has_report: bool) -> list[Text]:
-    """Return what a person may do next, as lines. file: of the campaign; folder: its results."""
+def next_steps(
+    summary: Summary, *, flown: Sequence[str], clock: Clock | None, folder: Path, has_report: bool
+) -> list[Text]:
+    """Return what a person may do next, as lines.
+
+    flown: the campaign's file, and the options that chose its runs; clock: as given; folder: of the
+    results.
+    """
+    file, *choice = flown
     steps = []
     is_cut = summary.stopped is not None or bool(summary.broken)
     if summary.not_flown or is_cut:
-        line = shlex.join(("wil-campaign", "run", str(file), "--out", str(folder), "--resume"))
+        how = () if clock is None else ("--clock", clock)
+        line = shlex.join(("wil-campaign", "run", *flown, *how, "--out", str(folder), "--resume"))
         steps.append(f"next: {line} flies what is missing")
     broken = [
         run for run in summary.runs if run.decided_by in {"autonomy", f"autonomy/{run.subject}"}
@@ -273,7 +282,7 @@ def next_steps(summary: Summary, *, file: Path, folder: Path, has_report: bool) 
         log = shlex.quote(str(folder / logs[0]))
         steps.append(f"next: {log} has all that the autonomy printed")
     if any(_hangs_on_limits(run) for run in summary.runs):
-        line = shlex.join(("wil-campaign", "judge", str(file), str(folder)))
+        line = shlex.join(("wil-campaign", "judge", file, str(folder), *choice))
         steps.append(f"next: {line} tries other limits without flying")
     if has_report:
         steps.append("next: open the report in a browser; it begins with what decided")

@@ -5,12 +5,12 @@ from dataclasses import dataclass
 from typing import Literal
 
 from wil_campaign.campaigns.values.acceptance import PassRequirement
+from wil_campaign.foundation.clocks.virtual_loop import Clock
 from wil_campaign.orchestrator.run_results.control_results import control_faults
 from wil_campaign.orchestrator.run_results.exit_codes import equal_run_texts, is_campaign_accepted
 from wil_campaign.orchestrator.run_results.run_result import RunResult, Stop
 from wil_campaign.safety.model.oracle_results import Verdict
 
-Clock = Literal["virtual", "wall", "scaled"]
 VehicleKind = Literal["embedded", "sitl", "hardware", "unknown"]
 SensorKind = Literal["live", "rendered", "file", "synthesised"]
 """Where readings come from; synthesised: computed from pose and world for a vehicle that is not

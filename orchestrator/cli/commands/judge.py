@@ -1,16 +1,16 @@
 """`wil-campaign judge`: judges recorded runs again by the present campaign file."""
 
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Annotated
 
 from cyclopts import Parameter
 
-from wil_campaign.campaigns.expansion.expansion import ExpansionOptions, load_campaign
-from wil_campaign.campaigns.setup.bench_file import load_benches
+from wil_campaign.campaigns.expansion.expansion import load_campaign
 from wil_campaign.foundation.files.document_writer import to_json
 from wil_campaign.orchestrator.campaign.reevaluation import Reevaluation, judge_campaign_again
 from wil_campaign.orchestrator.cli.announcements import announce_verdicts
+from wil_campaign.orchestrator.cli.run_selection import ALL, RunSelection
 from wil_campaign.orchestrator.cli.standard_streams import write_stderr, write_stdout
 from wil_campaign.orchestrator.cli.text_table import table_lines
 from wil_campaign.orchestrator.cli.verdict_table import closing_lines
@@ -21,11 +21,7 @@ def judge(
     file: Path,
     folder: Path,
     *,
-    case: Annotated[tuple[str, ...], Parameter(negative=())] = (),
-    mode: Annotated[tuple[str, ...], Parameter(negative=())] = (),
-    repetitions: int | None = None,
-    set_: Annotated[tuple[str, ...], Parameter(name="--set", negative=())] = (),
-    bench_file: Annotated[tuple[Path, ...], Parameter(negative=())] = (),
+    choice: RunSelection = ALL,
     json_: Annotated[bool, Parameter(name="--json", negative=())] = False,
 ) -> int:
     """Judge recorded runs again, by the oracles that the campaign file has now; fly nothing.
@@ -42,30 +38,11 @@ def judge(
         The campaign file.
     folder
         The results folder of a campaign: DIR/<campaign>/<UTC start>. Nothing in it is changed.
-    case
-        Only cases that match this GLOB; may be given several times.
-    mode
-        Only this mode: sim, wil or real; may be given several times.
-    repetitions
-        How many runs of each case and mode were flown, if not as many as the file says.
-    set_
-        KEY=VALUE, as of `run`: oracles.altitude.max_m=2.0 judges by another limit.
-    bench_file
-        The bench that it was flown on, as of `run`.
     json_
         Print one JSON document: summary.json as it is judged now, and changed_since_flight.
     """
-    campaign = load_campaign(
-        file,
-        ExpansionOptions(
-            cases=case,
-            modes=mode,
-            repetitions=repetitions,
-            sets=set_,
-            loads_code=False,
-            benches=load_benches(bench_file),
-        ),
-    )
+    options = replace(choice.options(), is_autonomy_isolated=False, loads_code=False)
+    campaign = load_campaign(file, options)
     try:
         judgement = judge_campaign_again(campaign, folder)
     except RecordingError as error:

@@ -2,12 +2,13 @@
 
 import os
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
 from cyclopts import Parameter
+from rich.text import Text
 
 from wil_campaign.campaigns.expansion.expansion import Campaign
 from wil_campaign.campaigns.schema import VEHICLES
@@ -95,9 +96,10 @@ def run(
             return 2
     options = replace(options, arm=not no_arm)
     selection = choice.options(*_gcs_sets(gcs), *_key_sets(keys))
+    flown = (str(file), *RunSelection.of(selection).words)
     try:
         with ready_flight(file, selection, options) as (campaign, cleared):
-            return _fly_selected(campaign, options, cleared, views, file, json=json_)
+            return _fly_selected(campaign, options, cleared, views, flown, json=json_)
     except (OutputError, FolderTakenError) as error:
         write_stderr(error)
         return 3
@@ -116,7 +118,7 @@ def _fly_selected(
     options: FlightOptions,
     cleared: ClearedCampaign,
     views: PluginOptions,
-    file: Path,
+    flown: Sequence[str],
     *,
     json: bool,
 ) -> int:
@@ -146,7 +148,14 @@ def _fly_selected(
     if json:
         write_stdout(to_json(outcome.summary).rstrip())
     else:
-        _print_verdicts(outcome, campaign, report, file)
+        steps = next_steps(
+            outcome.summary,
+            flown=flown,
+            clock=options.clock,
+            folder=outcome.folder,
+            has_report=report is not None,
+        )
+        _print_verdicts(outcome, campaign, report, steps)
     announce_verdicts(campaign, outcome.summary, outcome.folder, arm=options.arm)
     return outcome.exit_code
 
@@ -180,7 +189,10 @@ def _announcement(
 
 
 def _print_verdicts(
-    outcome: CampaignOutcome, campaign: Campaign, report: WrittenReport | None, file: Path
+    outcome: CampaignOutcome,
+    campaign: Campaign,
+    report: WrittenReport | None,
+    steps: Sequence[Text],
 ) -> None:
     """Print the verdict table of `run`, where its report and its results are, and what is next."""
     console = plain_console(soft_wrap=True)
@@ -200,8 +212,5 @@ def _print_verdicts(
     if report is not None:
         console.print(f"report: {report.path}")
     console.print(f"results: {outcome.folder}")
-    steps = next_steps(
-        outcome.summary, file=file, folder=outcome.folder, has_report=report is not None
-    )
     for line in steps:
         console.print(line)

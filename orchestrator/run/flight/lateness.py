@@ -10,7 +10,7 @@ from wil_campaign.safety.model.verdict import DecisiveEvent
 
 _TICK_S = 0.02
 """As often as setpoints and judged poses come."""
-_LATE_S = 0.05
+LATE_S = 0.05
 """Lateness that counts: two and a half periods of setpoints and judged poses."""
 _UNCOMMANDED_S = 0.5
 """Lateness that explains a failsafe: setpoints were missing for as long. PX4's COM_OF_LOSS_T is 1 s
@@ -51,7 +51,7 @@ class MachineLateness:
         A loop that wakes late reads its sockets before its timers, so that what came of the
         lateness may be decided by now.
         """
-        if woken_s - due_s >= _LATE_S:
+        if woken_s - due_s >= LATE_S:
             self._late.append((due_s, woken_s))
             for event in tuple(self.run_state.decisive):
                 self._explain(event)
@@ -83,7 +83,7 @@ class MachineLateness:
 def _explaining_s(event: DecisiveEvent) -> float:
     """Return how much lateness explains an event, in seconds; infinite where none does."""
     if event.kind == "INVALID" and event.source.partition("/")[0] in _TIMED:
-        return _LATE_S
+        return LATE_S
     is_failsafe = event.kind == "FAIL" and event.source.startswith("guard.failsafe/")
     return _UNCOMMANDED_S if is_failsafe else math.inf
 

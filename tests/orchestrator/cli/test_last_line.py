@@ -1,18 +1,23 @@
 """The last line of a campaign is short; what does not fit stands above it, with what is next."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from rich.text import Text
 
 from tests.orchestrator.run_results.test_results import result, summary
+from wil_campaign.foundation.clocks.virtual_loop import Clock
 from wil_campaign.orchestrator.cli.progress_display import finished_line
+from wil_campaign.orchestrator.cli.run_selection import RunSelection
 from wil_campaign.orchestrator.cli.verdict_table import (
     LAST_LINE,
     conclusion_lines,
     explained_words,
     next_steps,
 )
+from wil_campaign.orchestrator.run_results.campaign_results import Summary
 from wil_campaign.orchestrator.run_results.control_results import ControlResult
 from wil_campaign.orchestrator.run_results.run_result import LaterEvent, RunResult
 from wil_campaign.safety.model.oracle_results import OracleResult
@@ -113,6 +118,17 @@ def failed_by(*names: str) -> RunResult:
     return replace(result("FAIL"), oracles=oracles, decided_by=f"{names[0]}/twin")
 
 
+def steps_after(
+    flown: Summary,
+    folder: Path,
+    words: Sequence[str] = ("my gate.yaml",),
+    clock: Clock | None = None,
+    *,
+    has_report: bool = False,
+) -> list[Text]:
+    return next_steps(flown, flown=words, clock=clock, folder=folder, has_report=has_report)
+
+
 @pytest.mark.parametrize(
     ("names", "offered"),
     [
@@ -129,26 +145,31 @@ def test_judging_again_is_offered_where_other_limits_can_help(
     names: tuple[str, ...], offered: bool
 ) -> None:
     some = replace(summary([failed_by(*names)]), broken=False)
-    lines = next_steps(some, file=Path("gate.yaml"), folder=Path("1"), has_report=False)
+    lines = steps_after(some, folder=Path("1"))
     assert [" judge " in line.plain for line in lines] == [True] * offered
 
 
 def test_the_next_steps_are_those_of_the_outcome() -> None:
-    file, folder = Path("my gate.yaml"), Path("results/gate/1")
+    folder = Path("results/gate/1")
     accepted = replace(summary([result()]), broken=False)
-    (only,) = next_steps(accepted, file=file, folder=folder, has_report=True)
+    (only,) = steps_after(accepted, folder, has_report=True)
     assert "open the report" in only.plain
     slow = failed_by("time_limit")
     failed = replace(summary([slow]), broken=False, stopped="signal")
-    lines = [line.plain for line in next_steps(failed, file=file, folder=folder, has_report=False)]
+    lines = [line.plain for line in steps_after(failed, folder)]
     assert lines == [
         "next: wil-campaign run 'my gate.yaml' --out results/gate/1 --resume flies what is missing",
         "next: wil-campaign judge 'my gate.yaml' results/gate/1 tries other limits without flying",
     ]
+    words = ("g.yaml", *RunSelection(case=("a*",), repetitions=1, set_=("seed=5",)).words)
+    lines = [line.plain for line in steps_after(failed, folder, words, "wall")]
+    chosen = "--case 'a*' --repetitions 1 --set seed=5"
+    again = f"run g.yaml {chosen} --clock wall --out results/gate/1 --resume"
+    assert [f"wil-campaign {again} " in lines[0], f"/1 {chosen} tries" in lines[1]] == [True, True]
     grounded = replace(summary([replace(slow, decided_by="guard.fence/twin")]), broken=False)
-    assert next_steps(grounded, file=file, folder=folder, has_report=False) == []
+    assert steps_after(grounded, folder) == []
     log = "large/sim/1/twin-node.log"
     dead = replace(result("FAIL"), decided_by="autonomy/twin", artifacts=(log,))
     ended = replace(summary([dead]), broken=False)
-    (pointed,) = next_steps(ended, file=file, folder=folder, has_report=False)
+    (pointed,) = steps_after(ended, folder)
     assert pointed.plain == f"next: results/gate/1/{log} has all that the autonomy printed"
