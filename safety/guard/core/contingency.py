@@ -69,8 +69,8 @@ class ContingencyPlan:
     a time `stall_s` over which fresh positions show that it came down less than `descent_m`.
     hold_timeout_s: more than the second between two heartbeats. settle_s, still_m_s: for how long,
     or down to which speed, a vehicle in hold brakes before it lands. supervise_s: how long its own
-    failsafe may fly it without descending before it is commanded to land; a return to launch across
-    any usual fence takes less.
+    failsafe may fly it without coming `lower_m` lower, more than it sways where it circles, before
+    it is commanded to land; a return to launch across any usual fence takes less.
     """
 
     landing: FlightMode = FlightMode.LAND
@@ -84,6 +84,7 @@ class ContingencyPlan:
     stalls_to_terminate: int = 3
     fresh_s: float = 1.0
     supervise_s: float = 60.0
+    lower_m: float = 1.0
 
     def __post_init__(self) -> None:
         require_landing(self.landing)
@@ -257,6 +258,8 @@ class Contingency:
         self._lowest_m: float | None = None
         self._progress_s: float | None = None
         self._lower_s = 0.0
+        self._highest_m: float | None = None
+        """Since the vehicle last came lower."""
 
     @property
     def started(self) -> bool:
@@ -326,7 +329,7 @@ class Contingency:
         self.notes.append(f"{phase.value}: {why}")
         self.phase, self._entered_s, self._sent_s = phase, t_s, None
         self._progress_s = None
-        self._lower_s = t_s
+        self._lower_s, self._highest_m = t_s, None
 
     def _progresses(self, facts: ContingencyFacts, t_s: float) -> bool:
         """Return whether fresh positions show progress, which forgives earlier stalls."""
@@ -335,10 +338,8 @@ class Contingency:
             self._progress_s = None
         if self._progress_s is None:
             return False
-        sinks = self._sinks(facts)
-        if sinks:
-            self._lower_s = t_s
-        if not sinks and not self._is_on_its_way(facts):
+        self._note_descent(facts, t_s)
+        if not self._sinks(facts) and not self._is_on_its_way(facts):
             return False
         self._stalls = 0
         self._lowest_m, self._progress_s = facts.up_m, t_s
@@ -361,6 +362,13 @@ class Contingency:
 
     def _sinks(self, facts: ContingencyFacts) -> bool:
         return (self._lowest_m or 0.0) - (facts.up_m or 0.0) >= self.plan.descent_m
+
+    def _note_descent(self, facts: ContingencyFacts, t_s: float) -> None:
+        up_m = facts.up_m or 0.0
+        if self._highest_m is None or up_m > self._highest_m:
+            self._highest_m = up_m
+        elif self._highest_m - up_m >= self.plan.lower_m:
+            self._lower_s, self._highest_m = t_s, up_m
 
     def _is_on_its_way(self, facts: ContingencyFacts) -> bool:
         # A return to launch climbs and flies level for long: any motion is progress there.

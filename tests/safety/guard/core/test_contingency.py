@@ -1,3 +1,4 @@
+import math
 from dataclasses import replace
 
 import pytest
@@ -275,6 +276,24 @@ def test_a_failsafe_without_positions_has_its_time_too() -> None:
 def test_a_failsafe_that_sinks_slowly_is_left_alone() -> None:
     c = started()
     assert not sink(c, RTL, since_s=0.05, seconds=300, rate=0.05)
+
+
+@pytest.mark.parametrize("rate_hz", [4, 20, 50])
+def test_a_failsafe_that_climbs_home_and_sinks_fast_for_minutes_is_left_alone(rate_hz: int) -> None:
+    c = started()
+    for i in range(1, 170 * rate_hz):
+        t_s = i / rate_hz
+        up_m = min(20.0 + t_s, 50.0, 70.0 - 0.4 * t_s)  # level from 30 s to 50 s
+        assert not c.step(replace(RTL, seen_s=t_s, up_m=up_m, speed_m_s=0.4), t_s), t_s
+    assert c.phase is ContingencyPhase.SUPERVISE
+
+
+def test_a_failsafe_that_circles_and_sways_is_made_to_land() -> None:
+    c = started()
+    for i in range(1, 20 * 62):
+        up_m = 20.0 + 0.45 * math.sin(i / 20)
+        c.step(replace(RTL, seen_s=i / 20, up_m=up_m, speed_m_s=1.5), i / 20)
+    assert c.phase is ContingencyPhase.LAND
 
 
 def test_a_failsafe_that_hangs_is_overruled_once_and_for_all() -> None:
