@@ -66,6 +66,8 @@ from wil_campaign.vehicles.poses.anchor import Anchor
 from wil_campaign.worlds.frames import Vec3
 
 _READ = frozenset({HEARTBEAT, EXTENDED_SYS_STATE, LOCAL_POSITION_NED})
+_STILL_S = 0.2
+"""Of several ticks: a guard that was late by so much says so, for it may be what was silent."""
 _MOST_DROPPED = 200
 """Kinds of frames that were not forwarded: a sender that makes names up fills no disk."""
 _COMMANDS = frozenset({COMMAND_LONG, COMMAND_INT, SET_MODE})
@@ -96,6 +98,7 @@ class GuardCore:
         self.dropped: dict[tuple[str, str], int] = {}
         """How many frames of the orchestrator were not forwarded, by vehicle and message."""
         self._alive_s: float | None = None
+        self._ticked_s: float | None = None
         self._reported_of_all: set[str] = set()
 
     @property
@@ -321,8 +324,12 @@ class GuardCore:
         """Take that time has passed; called at 20 Hz, the rate of setpoints."""
         out: list[Output] = []
         silent_s = 0.0 if self._alive_s is None else t_s - self._alive_s
+        still_s = 0.0 if self._ticked_s is None else t_s - self._ticked_s
+        self._ticked_s = t_s
         if silent_s > self.settings.orchestrator_silent_s:
-            out += self._latch("silence", "", "no heartbeat from the orchestrator", t_s)
+            stood = f"; the guard stood still for {still_s:.1f} s itself"
+            text = "no heartbeat from the orchestrator" + (stood if still_s > _STILL_S else "")
+            out += self._latch("silence", "", text, t_s)
         for supervised in self._supervised_vehicles.values():
             out += self._check_lost(supervised, t_s)
             if supervised.meter is not None:

@@ -195,6 +195,22 @@ def test_orchestrator_silence_lands_both_within_half_a_second(pair: Any) -> None
     assert to_orchestrator(pair, "real", setpoint()) == ()
 
 
+@pytest.mark.parametrize(
+    ("ticks_s", "text"),
+    [
+        ((6.0,), "no heartbeat from the orchestrator; the guard stood still for 4.9 s itself"),
+        ((1.15, 1.35, 1.55), "no heartbeat from the orchestrator"),
+    ],
+)
+def test_a_guard_that_stood_still_itself_says_so(
+    pair: Any, ticks_s: tuple[float, ...], text: str
+) -> None:
+    pair.apply(pair.core.apply(OrchestratorAlive(), 1.1))
+    for t_s in (1.1, *ticks_s):
+        pair.apply(pair.core.tick(t_s))
+    assert [event.text for event in pair.events if event.kind == "silence"] == [text]
+
+
 def test_an_orchestrator_that_never_was_alive_is_not_missed(pair: Any) -> None:
     pair.fly(60.0)
     assert pair.core.latched is None
