@@ -164,7 +164,8 @@ class Rig:
     core: GuardCore
     vehicles: dict[str, FakeVehicle]
     t_s: float = 0.0
-    blind: bool = False
+    blind: tuple[str, ...] = ()
+    """Vehicles of which no positions come."""
     events: list[GuardEvent] = field(default_factory=list)
     to_orchestrator: int = 0
 
@@ -183,7 +184,7 @@ class Rig:
             for name, vehicle in self.vehicles.items():
                 vehicle.step(self.t_s)
                 self.apply(self.core.from_vehicle(name, vehicle.frames(self.t_s), self.t_s))
-                if not self.blind:
+                if name not in self.blind:
                     self.apply(self.core.position(vehicle.sample(self.t_s)))
             if each is not None:
                 each()

@@ -332,6 +332,7 @@ class GuardCore:
             out += self._latch("silence", "", text, t_s)
         for supervised in self._supervised_vehicles.values():
             out += self._check_lost(supervised, t_s)
+            out += self._check_unplaced(supervised, t_s)
             if supervised.meter is not None:
                 supervised.meter.lapse(t_s)
                 out += self._limitings(supervised, t_s)
@@ -355,6 +356,16 @@ class GuardCore:
             return ()
         supervised.lost = True
         text = f"nothing received from {supervised.name} for {self.settings.vehicle_lost_s:g} s"
+        return tuple(self._latch("lost", supervised.name, text, t_s))
+
+    def _check_unplaced(self, supervised: SupervisedVehicle, t_s: float) -> Outputs:
+        """Land a vehicle whose positions have ended: its fence cannot be held any more."""
+        seen, lost_s = supervised.seen, self.settings.vehicle_lost_s
+        if seen.placed_s is None or t_s - seen.placed_s <= lost_s or supervised.fence is None:
+            return ()
+        if supervised.contingency.started or seen.on_ground or not seen.may_be_armed(t_s):
+            return ()
+        text = f"no position of {supervised.name} for {lost_s:g} s: its fence cannot be held"
         return tuple(self._latch("lost", supervised.name, text, t_s))
 
     def _read_frame(

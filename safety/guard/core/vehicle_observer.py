@@ -108,7 +108,8 @@ class ObservedVehicle:
         self._up_m: float | None = None
         self._speed_m_s: float | None = None
         self._seen_s: float | None = None
-        self._world_s: float | None = None
+        self.placed_s: float | None = None
+        """When it last had a position in the world."""
         self._motion: VehicleMotion | None = None
         self._acceleration = AccelerationEstimate()
         self._commanded = VelocityCommand()
@@ -196,7 +197,7 @@ class ObservedVehicle:
 
     def place(self, position_ned_m: Vec3, velocity_ned_m_s: Vec3, t_s: float) -> None:
         """Record a vehicle's position in the world; from then on only world heights are used."""
-        self._world_s = t_s
+        self.placed_s = t_s
         acceleration = self._acceleration.update(velocity_ned_m_s, t_s)
         guided = self.mode is FlightMode.GUIDED
         commanded = self._commanded.velocity(t_s) if guided else None
@@ -206,7 +207,7 @@ class ObservedVehicle:
 
     def motion(self, t_s: float) -> VehicleMotion | None:
         """Return the vehicle's observed motion in the world, if within the last second."""
-        known = self._world_s is not None and t_s - self._world_s <= _FRESH_S
+        known = self.placed_s is not None and t_s - self.placed_s <= _FRESH_S
         return self._motion if known else None
 
     def knows_world(self, t_s: float) -> bool:
@@ -226,7 +227,7 @@ class ObservedVehicle:
         if self.knows_world(t_s):
             return None
         if self.anchor is None:
-            if self._world_s is None:
+            if self.placed_s is None:
                 self._store_sample(position_m, velocity_m_s, t_s)
             return None
         return self.anchor.position(position_m), self.anchor.velocity(velocity_m_s)

@@ -30,7 +30,7 @@ def estimated(pair: Any, position_m: Vec3, velocity_m_s: Vec3 = STANDING) -> Non
 def anchored(pair: Any, north_m: float = 0.0) -> Any:
     """Return a pair whose real has an anchor, and of which nothing else gives positions."""
     pair.core.apply(AnchorAt("real", (north_m, 0.0, 0.0), 0.0), 0.0)
-    pair.blind = True
+    pair.blind = ("real",)
     return pair
 
 

@@ -29,16 +29,19 @@ from wil_campaign.safety.guard.core.commands import (
 )
 from wil_campaign.safety.guard.core.events import (
     EventKind,
+    GuardedVehicle,
     GuardEvent,
     ToGcs,
     ToOrchestrator,
     ToVehicle,
     decisive_guard_event,
 )
+from wil_campaign.safety.guard.core.guard_core import GuardCore
 from wil_campaign.safety.guard.core.operator_command import OperatorCommand
 from wil_campaign.safety.model.samples import PoseSample
-from wil_campaign.vehicles.autopilots.autopilot import FlightMode, own_heartbeat
+from wil_campaign.vehicles.autopilots.autopilot import FlightMode, MavlinkTarget, own_heartbeat
 from wil_campaign.vehicles.autopilots.failsafes import OWN_SYSTEM_ID
+from wil_campaign.vehicles.autopilots.px4 import Px4
 from wil_campaign.vehicles.mavlink.codec import MavlinkCodec
 from wil_campaign.worlds.frames import Pose
 
@@ -156,7 +159,7 @@ def test_a_flying_vehicle_is_held_to_the_floor(pair: Any) -> None:
 
 
 def test_the_estimate_is_a_position_source_once_it_is_anchored(pair: Any) -> None:
-    pair.blind = True
+    pair.blind = ("real",)
     message = mavlink.MAVLink_local_position_ned_message(0, 1.0, 0, -2, 0, 0, 0)
     frame = pair.vehicles["real"].codec.pack(message)
     pair.apply(pair.core.from_vehicle("real", frame, pair.t_s + 0.5))
@@ -166,6 +169,34 @@ def test_the_estimate_is_a_position_source_once_it_is_anchored(pair: Any) -> Non
     assert pair.core.latched is None, "who knows better told a position just now"
     pair.apply(pair.core.from_vehicle("real", frame, pair.t_s + 0.5))
     assert pair.core.latched == "fence"
+
+
+def test_a_vehicle_whose_positions_end_is_landed_for_its_fence_cannot_be_held(pair: Any) -> None:
+    pair.fly(1.0)
+    pair.blind = ("real",)
+    pair.fly(2.9)
+    assert pair.core.latched is None
+    pair.fly(0.2)
+    assert pair.core.latched == "lost"
+    lost = [event.text for event in pair.events if event.kind == "lost"]
+    assert lost == ["no position of real for 3 s: its fence cannot be held"]
+    pair.fly(20.0)
+    assert pair.core.all_down
+
+
+@pytest.mark.parametrize("without", ["fence", "positions", "air"])
+def test_positions_are_missed_only_where_they_came_and_a_flying_vehicle_has_a_fence(
+    fake_vehicle: Any, rig: Any, without: str
+) -> None:
+    fence = None if without == "fence" else FENCE
+    vehicle = fake_vehicle("real", Px4(), up_m=0.0 if without == "air" else 2.0)
+    guarded = GuardedVehicle(autopilot=Px4(), target=MavlinkTarget(1), fence=fence)
+    alone = rig(GuardCore(vehicles={"real": guarded}), {"real": vehicle})
+    alone.blind = ("real",) if without == "positions" else ()
+    alone.fly(1.0)
+    alone.blind = ("real",)
+    alone.fly(10.0)
+    assert alone.core.latched is None
 
 
 def test_a_position_that_is_not_finite_moves_nothing(pair: Any) -> None:
@@ -291,7 +322,7 @@ def test_a_simulator_that_ended_is_not_awaited(pair: Any) -> None:
 
 def test_an_anchor_shifts_and_turns_a_vehicles_estimate(pair: Any) -> None:
     """Six metres to its east by its own estimate are inside the fence's north side."""
-    pair.blind = True
+    pair.blind = ("real",)
     pair.apply(pair.core.apply(AnchorAt("real", (-2.0, 0.0, 0.0), -math.pi / 2), pair.t_s))
     far = mavlink.MAVLink_local_position_ned_message(0, 50.0, 0, -2, 0, 0, 0)
     twins = pair.vehicles["twin"].codec.pack(far)
