@@ -62,6 +62,7 @@ from wil_campaign.orchestrator.run_results.exit_codes import exit_code, rehearsa
 from wil_campaign.orchestrator.run_results.junit import junit_xml
 from wil_campaign.orchestrator.run_results.result_parts import distinct_firmware
 from wil_campaign.orchestrator.run_results.run_result import NOT_ARMED, RunResult
+from wil_campaign.orchestrator.run_results.summary_text import SummaryText
 from wil_campaign.orchestrator.state.faults import InternalFaults, fault_log
 from wil_campaign.orchestrator.state.run_setup import RunOrder
 
@@ -218,6 +219,7 @@ class _Flight:
         """Why no further run is flown, once a file has changed."""
         self._plans = runs_planned(campaign, arm=options.arm)
         self._results = dict(before.results)
+        self._summary_text = SummaryText()
         self._announced: set[str] = set()
         self._attempts = before.attempts
         self._was_broken = before.is_broken
@@ -503,7 +505,7 @@ class _Flight:
             caveats=self._campaign.caveats,
             not_flown=tuple(plan.name for plan in plans if plan.name not in self._results),
         )
-        write_campaign_document(self._folder / "summary.json", to_json(summary))
+        write_campaign_document(self._folder / "summary.json", self._summary_text.text(summary))
         if has_ended:
             self._record_firmware(summary)
         junit = junit_xml(summary, self._campaign.requirements, arm=self._options.arm)
