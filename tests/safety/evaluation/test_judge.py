@@ -15,6 +15,7 @@ from wil_campaign.safety.model.samples import (
     StageSample,
     StateSample,
 )
+from wil_campaign.safety.model.verdict import DecisiveEvent, DecisiveKind
 from wil_campaign.safety.oracles.oracle import (
     Flags,
     Oracle,
@@ -267,6 +268,23 @@ def test_a_vehicle_that_dropped_out_is_judged_until_then_and_the_others_to_the_e
     assert time_limit.detail == "twin dropped out 2.00 s after the goal, before this was decided"
     assert results["altitude", "real"].verdict == "FAIL"
     assert results["kept", "twin"].verdict == "FAIL"
+
+
+@pytest.mark.parametrize(
+    ("kind", "source", "ends"),
+    [
+        ("FAIL", "geofence/real", False),
+        ("FAIL", "altitude/real", True),
+        ("INVALID", "geofence/real", True),
+        ("ERROR", "", True),
+    ],
+)
+def test_a_failure_ends_the_flight_where_its_oracle_is_to_fail_fast_all_else_at_once(
+    kind: DecisiveKind, source: str, ends: bool
+) -> None:
+    uses = [use("geofence"), use("altitude", max_m=3, fail_fast=True)]
+    judge = Judge(build_oracles(uses, contexts("real")))
+    assert judge.ends_flight(DecisiveEvent(1.0, kind, "for the test", source)) is ends
 
 
 def test_a_decisive_flag_of_a_required_oracle_settles_the_run_once() -> None:

@@ -18,6 +18,7 @@ from wil_campaign.safety.evidence.terms import (
 from wil_campaign.safety.model.oracle_results import EvidenceResult
 from wil_campaign.safety.model.samples import (
     DoubtSample,
+    DropOutSample,
     LinkSample,
     PoseSample,
     ReportSample,
@@ -271,3 +272,21 @@ def test_a_silent_link_is_one_whichever_of_its_first_words_is_taken_first(
     evidence.received(LinkSample(4.0, "real"))
     evidence.tick(4.1)
     assert [event.t_s for event in evidence.events] == [4.1]
+
+
+@pytest.mark.parametrize(
+    ("left", "required", "verdict"),
+    [("real", False, "PASS"), ("real", True, "INVALID"), ("twin", False, "INVALID")],
+)
+def test_only_a_vehicle_that_left_ends_what_no_oracle_depends_on(
+    left: str, required: bool, verdict: str
+) -> None:
+    """Its positions end with it."""
+    evidence = Evidence((terms(required=required),))
+    for stage in ("takeoff", "goal"):
+        evidence.stage(StageSample(1.0, stage))  # type: ignore[arg-type]
+    for tick in range(100, 300):
+        evidence.pose(pose(tick / 100))
+    evidence.drop_out(DropOutSample(3.0, left))
+    evidence.stage(StageSample(END_S, "end"))
+    assert evidence.results()[0].verdict == verdict
