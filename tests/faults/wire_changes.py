@@ -59,6 +59,13 @@ def padded(frame: MavlinkFrame, size: int) -> bytearray:
     return bytearray(frame.payload.ljust(size, b"\0"))
 
 
+def not_a_number(frame: MavlinkFrame) -> bytes:
+    """Return a frame whose first value after its time is NaN."""
+    payload = padded(frame, 8)
+    struct.pack_into("<f", payload, 4, math.nan)
+    return frame_with_payload(frame, bytes(payload))
+
+
 def headed(frame: MavlinkFrame, turned_rad: float) -> bytes:
     """Return an ATTITUDE_QUATERNION with another heading."""
     payload = padded(frame, 48)

@@ -133,6 +133,7 @@ class Driver:
         self._timesync = TimesyncRequester(session=self._session, clock=self.clock)
         self._estimates = Estimates(session=self._session, clock=self.clock)
         self._estimates.on_reboot = self._on_reboot
+        self._estimates.on_unusable = self._report_unusable
         self.accuracy = EstimateAccuracy(session=self._session)
         self.truth = TruthReceiver(session=self._session, clock=self.clock)
         self._headings = HeadingMonitor(session=self._session)
@@ -540,6 +541,10 @@ class Driver:
     def _report_other(self, kind: HeartbeatKind, t_s: float) -> None:
         vehicle = self._require_identified()
         vehicle.status.report(VehicleEvent(t_s, "other_sender", vehicle.describe_other(kind)))
+
+    def _report_unusable(self, why: str, t_s: float) -> None:
+        if self._status is not None:
+            self._status.report(VehicleEvent(t_s, "unusable_estimate", why))
 
     def _describe_second(self, found: str) -> str:
         system = self._require_identified().target.system

@@ -32,6 +32,7 @@ EventKind = Literal[
     "link_back",
     "reboot",
     "estimator_reset",
+    "unusable_estimate",
     "other_sender",
     "second_vehicle",
 ]

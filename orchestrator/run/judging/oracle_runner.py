@@ -17,6 +17,7 @@ from wil_campaign.orchestrator.state.run_state import RunState, Stage
 from wil_campaign.orchestrator.state.vehicle_context import VehicleContext
 from wil_campaign.safety.evaluation.judge import Judge
 from wil_campaign.safety.evaluation.judge_log import ClockTick, LoggedSample
+from wil_campaign.safety.evidence.evidence import POSE
 from wil_campaign.safety.fence.geofence import Fence
 from wil_campaign.safety.model.oracle_results import Flag, OracleResult
 from wil_campaign.safety.model.samples import (
@@ -204,9 +205,12 @@ class OracleRunner:
         self._feed(sample, self._judge.state)
 
     def _event(self, context: VehicleContext, event: VehicleEvent) -> None:
-        if event.kind == "second_vehicle" and self._run_state.reached("takeoff"):
+        flies = self._run_state.reached("takeoff")
+        if event.kind == "second_vehicle" and flies:
             self.doubt(DoubtSample(event.t_s, context.name, "identity", "mavlink", event.text))
-        if event.kind != "text":
+        if event.kind == "unusable_estimate" and flies and context.pose_source == "mavlink":
+            self.doubt(DoubtSample(event.t_s, context.name, POSE, "mavlink", event.text))
+        if event.kind not in {"text", "unusable_estimate"}:
             self._judge_state(context, event.t_s)
 
     def _failure(self, context: VehicleContext, reason: str) -> None:

@@ -83,9 +83,12 @@ def test_a_vehicle_that_crosses_the_date_line_is_beyond_it() -> None:
         session.received(codec.pack(message), 0.0)
     assert estimates.place_deg is not None
     assert estimates.place_deg[1] == pytest.approx(-179.99999)
+    told: list[tuple[str, float]] = []
+    estimates.on_unusable = lambda why, t_s: told.append((why, t_s))
     infinite = mavlink.MAVLink_attitude_message(0, float("inf"), 0.0, 0.0, 0.0, 0.0, 0.0)
-    session.received(codec.pack(infinite), 0.0)
-    assert estimates.not_numbers == 2
+    for t_s in (0.0, 0.9, 1.1):
+        session.received(codec.pack(infinite), t_s)
+    assert told == [("its ATTITUDE is not a number", t_s) for t_s in (0.0, 1.1)]
 
 
 @pytest.mark.parametrize("again_s", [1.01, 1.005])

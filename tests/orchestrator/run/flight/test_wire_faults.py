@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from tests.faults.relay import LOCAL_POSITION_NED
 from tests.faults.wire_changes import (
     COMPANION,
     GENERIC,
@@ -19,6 +20,7 @@ from tests.faults.wire_changes import (
     Router,
     WireChange,
     headed,
+    not_a_number,
     through,
     without_hold,
 )
@@ -30,6 +32,7 @@ from wil_campaign.vehicles.mavlink.framing import MavlinkFrame
 from wil_campaign.vehicles.mavlink.heartbeats import HeartbeatKind
 
 PX4 = HeartbeatKind(mavlink.MAV_TYPE_QUADROTOR, mavlink.MAV_AUTOPILOT_PX4)
+_QUATERNION: int = mavlink.MAVLINK_MSG_ID_ATTITUDE_QUATERNION
 AUTOPILOTS = pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
 
 
@@ -70,6 +73,30 @@ def test_sound_heading_is_compared_with_all_that_there_is(fly_run: Fly, autopilo
     assert result.verdict == "PASS", result.reason
     (pose,) = [one for one in result.evidence if one.signal == "pose" and one.vehicle == "twin"]
     assert {"gyroscopes", "magnetometer", "truth"} <= set(pose.compared_with)
+
+
+@AUTOPILOTS
+@pytest.mark.parametrize("message_id", [LOCAL_POSITION_NED, _QUATERNION])
+@pytest.mark.parametrize("each", [1, 3])
+def test_an_estimate_that_is_not_a_number_is_no_pass(
+    fly_run: Fly, autopilot: str, message_id: int, each: int
+) -> None:
+    """Every third leaves no gap: the others come often enough."""
+    came: list[int] = []
+
+    def change(frame: MavlinkFrame, run_state: RunState) -> Iterable[bytes]:
+        if frame.message_id == message_id and run_state.reached("goal"):
+            came.append(1)
+            if len(came) % each == 0:
+                yield not_a_number(frame)
+                return
+        yield frame.raw
+
+    result, folder = flown(fly_run, autopilot, change)
+    assert result.verdict == "INVALID"
+    name = "ATTITUDE_QUATERNION" if message_id == _QUATERNION else "LOCAL_POSITION_NED"
+    assert f"pose of twin from mavlink: its {name} is no" in result.reason
+    assert all_landed(folder)
 
 
 def _without_hold(frame: MavlinkFrame, run_state: RunState, what: Hold) -> Iterable[bytes]:
