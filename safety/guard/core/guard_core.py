@@ -68,6 +68,8 @@ from wil_campaign.worlds.frames import Vec3
 _READ = frozenset({HEARTBEAT, EXTENDED_SYS_STATE, LOCAL_POSITION_NED})
 _STILL_S = 0.2
 """Of several ticks: a guard that was late by so much says so, for it may be what was silent."""
+_HEARD_S = 1.5
+"""A vehicle that sends a HEARTBEAT each second is heard at least as often."""
 _MOST_DROPPED = 200
 """Kinds of frames that were not forwarded: a sender that makes names up fills no disk."""
 _COMMANDS = frozenset({COMMAND_LONG, COMMAND_INT, SET_MODE})
@@ -359,11 +361,13 @@ class GuardCore:
         return tuple(self._latch("lost", supervised.name, text, t_s))
 
     def _check_unplaced(self, supervised: SupervisedVehicle, t_s: float) -> Outputs:
-        """Land a vehicle whose positions have ended: its fence cannot be held any more."""
+        """Land a vehicle whose positions end while it is heard: its fence cannot be held."""
         seen, lost_s = supervised.seen, self.settings.vehicle_lost_s
         if seen.placed_s is None or t_s - seen.placed_s <= lost_s or supervised.fence is None:
             return ()
-        if supervised.contingency.started or seen.on_ground or not seen.may_be_armed(t_s):
+        is_heard = t_s - (seen.last_received_s or 0.0) <= _HEARD_S
+        flies = bool(seen.may_be_armed(t_s)) and not seen.on_ground
+        if not is_heard or not flies or supervised.contingency.started:
             return ()
         text = f"no position of {supervised.name} for {lost_s:g} s: its fence cannot be held"
         return tuple(self._latch("lost", supervised.name, text, t_s))
