@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from wil_campaign.campaigns.statistics.proportions import RateInterval
 from wil_campaign.plugins.statistics.conclusions import MODE_NAMES
 from wil_campaign.plugins.statistics.gap.energy import EnergyFigure
-from wil_campaign.plugins.statistics.gap.gap import GapFigure
+from wil_campaign.plugins.statistics.gap.gap import TOO_FEW, GapFigure
 from wil_campaign.plugins.statistics.pass_rates import MODES, ModeTest, PassRate
 from wil_campaign.plugins.statistics.study import Study
 
@@ -209,7 +209,7 @@ def _holds_text(figure: GapFigure) -> str:
     if figure.nearer_by is None:
         return NONE
     if figure.nearer_interval is None:
-        return "no spread"
+        return "no interval" if figure.basis.endswith(TOO_FEW) else "no spread"
     return _ANSWERS[figure.holds]
 
 
