@@ -103,9 +103,11 @@ def unsettled_texts(findings: SearchFindings) -> list[str]:
         count = len(findings.open_failures)
         are = "failure is" if count == 1 else "failures are"
         texts.append(f"{count} {are} neither confirmed nor refuted")
-    if (unproven := len(findings.unproven)) > 0:
-        count = len(findings.tried)
-        texts.append(f"{unproven} of {count} variants proved nothing: INVALID or ERROR")
+    for mode in findings.modes:
+        if unproven := len(findings.unproven_in(mode)):
+            count = len(findings.flown_in(mode))
+            where = "" if mode == findings.modes[0] else f" in {mode}"
+            texts.append(f"{unproven} of {count} variants proved nothing{where}: INVALID or ERROR")
     return texts
 
 

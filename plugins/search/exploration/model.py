@@ -1,6 +1,5 @@
 """Values of a search: variants, flights, outcomes, failing cases and findings."""
 
-import itertools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal
@@ -130,12 +129,6 @@ class TriedVariant:
         proven = [mode for mode in modes if self.failed(mode) or self.passed(mode)]
         return bool(proven) and self.failed(proven[-1])
 
-    @property
-    def is_proven(self) -> bool:
-        """Return whether a flight in any mode has the verdict PASS or FAIL."""
-        outcomes = itertools.chain.from_iterable(self.outcomes.values())
-        return any(outcome.verdict in {"PASS", "FAIL"} for outcome in outcomes)
-
     def cause(self, mode: Mode) -> str:
         """Return the cause of the first failure in a mode; "" without one."""
         causes = [
@@ -242,15 +235,26 @@ class SearchFindings:
             if tried_variant.variant.name not in settled and tried_variant.failed_last(self.modes)
         )
 
-    @property
-    def unproven(self) -> tuple[TriedVariant, ...]:
-        """Return the variants all of whose flights were INVALID or ERROR."""
-        return tuple(tried_variant for tried_variant in self.tried if not tried_variant.is_proven)
+    def flown_in(self, mode: Mode) -> tuple[TriedVariant, ...]:
+        """Return the variants that were flown in a mode."""
+        return tuple(one for one in self.tried if mode in one.outcomes)
+
+    def unproven_in(self, mode: Mode) -> tuple[TriedVariant, ...]:
+        """Return the variants all of whose flights in a mode were INVALID or ERROR."""
+        return tuple(
+            tried_variant
+            for tried_variant in self.flown_in(mode)
+            if not (tried_variant.failed(mode) or tried_variant.passed(mode))
+        )
 
     @property
     def is_proven(self) -> bool:
-        """Return whether more than half of the variants have a PASS or a FAIL."""
-        return len(self.unproven) * 2 < len(self.tried)
+        """Return whether in each mode more than half of its variants have a PASS or a FAIL."""
+        return all(
+            2 * len(self.unproven_in(mode)) < len(flown)
+            for mode in self.modes
+            if (flown := self.flown_in(mode))
+        )
 
     @property
     def confirmed(self) -> tuple[FailingCase, ...]:

@@ -1,5 +1,6 @@
 """A search flown by an engine that flies nothing: what is written, resumed, and its exit codes."""
 
+import itertools
 import json
 import sys
 from pathlib import Path
@@ -7,6 +8,7 @@ from typing import Any
 
 import pytest
 
+from tests.plugins.search.exploration.made_up import plane, problem, searched
 from tests.plugins.search.searches import SEARCH, MadeUpEngine, write_search
 from wil_campaign.campaigns.expansion.expansion import ExpansionOptions, load_campaign
 from wil_campaign.orchestrator.campaign.flight_options import ClearedCampaign, FlightOptions
@@ -17,7 +19,8 @@ from wil_campaign.plugins.search.errors import SearchError
 from wil_campaign.plugins.search.exploration.search_file import load_search
 from wil_campaign.plugins.search.ledger import FILE_NAME as LEDGER
 from wil_campaign.plugins.search.search_command import search_text
-from wil_campaign.plugins.search.search_runner import SearchOutcome, fly_search
+from wil_campaign.plugins.search.search_document import unsettled_texts
+from wil_campaign.plugins.search.search_runner import SearchOutcome, fly_search, search_exit_code
 from wil_campaign.safety.model.oracle_results import Verdict
 
 TPE = SEARCH.replace("strategy: grid", "strategy: tpe").replace("sim: 3", "sim: 4")
@@ -254,6 +257,24 @@ def test_a_search_that_proved_nothing_of_half_its_variants_is_3(
     assert (len(outcome.findings.tried), outcome.exit_code) == (4, code)
     said = search_text(load_search(path, ExpansionOptions()), outcome)
     assert f"{4 - passes} of 4 variants proved nothing: INVALID or ERROR" in said
+
+
+@pytest.mark.parametrize(("proven", "code"), [(0, 3), (2, 3), (3, 0)])
+def test_a_search_whose_dearest_mode_proved_nothing_of_half_its_variants_is_3(
+    proven: int, code: int
+) -> None:
+    """All pass in simulation; of four in `wil` so many prove something."""
+    flown = itertools.count(1)
+
+    def answer(_: object, mode: str, __: int) -> float | None:
+        return 1.0 if mode == "sim" or next(flown) <= proven else None
+
+    given = problem(plane(), budget={"sim": 4, "wil": 4}, at_once=4)
+    findings, _ = searched(given, answer, strategy="sobol")
+    assert search_exit_code(findings, stopped=None, is_broken=False) == code
+    assert unsettled_texts(findings) == [
+        f"{4 - proven} of 4 variants proved nothing in wil: INVALID or ERROR"
+    ]
 
 
 def test_a_failure_that_is_neither_confirmed_nor_refuted_is_3(tmp_path: Path) -> None:
