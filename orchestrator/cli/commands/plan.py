@@ -1,6 +1,7 @@
 """`wil-campaign plan`: shows the runs of a campaign."""
 
 import json
+import math
 from pathlib import Path
 from typing import Annotated
 
@@ -64,10 +65,12 @@ def _claim_text(campaign: Campaign) -> str:
             f"against {test.against:g}, each with an error of {test.error:g}: {test.least_flights} "
             f"flights when all pass, {test.least_failures} when all fail, {test.most} at most"
         )
+    # Rounded down: 58 flights show 0.9497, and no 0.95.
+    shown = math.floor(100.0 * least_pass_rate(repetitions)) / 100.0
     needs = ", ".join(f"{rate:.2f} needs {flights_without_failure(rate)}" for rate in _CLAIMS)
     return (
         f"claims: {count_text(repetitions, 'flight')} of a case and mode, all passed, show a pass "
-        f"rate of at least {least_pass_rate(repetitions):.2f} with a confidence of 95 %; {needs}"
+        f"rate of at least {shown:.2f} with a confidence of 95 %; {needs}"
     )
 
 
