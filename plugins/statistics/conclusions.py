@@ -12,6 +12,7 @@ from wil_campaign.campaigns.statistics.proportions import RateInterval
 from wil_campaign.plugins.statistics.gap.energy import EnergyFigure
 from wil_campaign.plugins.statistics.gap.gap import ALL_CASES, GapFigure
 from wil_campaign.plugins.statistics.inference.exact_tests import PassCounts, stratified_rounded
+from wil_campaign.plugins.statistics.inference.probability_text import p_text
 from wil_campaign.plugins.statistics.pass_rates import MODES, ModeTest, PassRate
 from wil_campaign.plugins.statistics.study import Study
 
@@ -101,7 +102,9 @@ def _pair_text(test: ModeTest) -> str:
 
 
 def _pairs_text(tests: Iterable[ModeTest]) -> str:
-    return "; ".join(f"{_pair_text(test)}, p {test.p:.2g}" for test in tests)
+    return "; ".join(
+        f"{_pair_text(test)}, p {p_text(test.p, _LEVEL)}" for test in tests if test.p is not None
+    )
 
 
 def _needed_for_passes(study: Study, tests: Sequence[ModeTest]) -> Iterator[Conclusion]:

@@ -7,6 +7,7 @@ from wil_campaign.campaigns.statistics.proportions import RateInterval
 from wil_campaign.plugins.statistics.conclusions import MODE_NAMES
 from wil_campaign.plugins.statistics.gap.energy import EnergyFigure
 from wil_campaign.plugins.statistics.gap.gap import TOO_FEW, GapFigure
+from wil_campaign.plugins.statistics.inference.probability_text import p_text
 from wil_campaign.plugins.statistics.pass_rates import MODES, ModeTest, PassRate
 from wil_campaign.plugins.statistics.study import Study
 
@@ -165,7 +166,7 @@ def _test_text(test: ModeTest) -> str:
     names = f"{MODE_NAMES[test.one]} and {MODE_NAMES[test.other]}"
     if test.p is None:
         return f"{names}, {where}: no test, {test.why}"
-    return f"{names}, {where}: p {test.p:.2g} ({kind}{f'; {test.why}' if test.why else ''})"
+    return f"{names}, {where}: p {p_text(test.p)} ({kind}{f'; {test.why}' if test.why else ''})"
 
 
 def _gap_row(figure: GapFigure) -> tuple[str, ...]:
