@@ -315,6 +315,26 @@ def test_the_history_keeps_metres_in_which_flights_are_compared(tmp_path: Path) 
     assert record.margin == 0.4
 
 
+def test_the_seconds_of_a_flight_that_came_near_nothing_are_no_metres(
+    tmp_path: Path, capsys: Capture
+) -> None:
+    """The median of 0.4 m and twice 9 s was 9."""
+    folder = write_flown(
+        tmp_path / "a", flights("a", "wil", "PPP", (0.0, 0.1, 0.2)), with_motion=False
+    )
+    in_time, far = ("time_limit", "s", 9.0, True), ("clearance", "m", None, True)
+    for rep, clear in ((1, CLEAR), (2, far), (3, far)):
+        result = replace(judged(clear, in_time), verdict="PASS", rep=rep, seed=100 + rep)
+        (folder / f"a/wil/{rep}/result.json").write_text(to_json(result))
+    (row,) = shown(capsys, folder)["rows"]
+    assert row["margin"] == 0.4
+    for rep in (1, 2, 3):
+        result = replace(judged(far, in_time), verdict="PASS", rep=rep, seed=100 + rep)
+        (folder / f"a/wil/{rep}/result.json").write_text(to_json(result))
+    (row,) = shown(capsys, folder)["rows"]
+    assert row["margin"] == 9.0
+
+
 def with_firmware(tmp_path: Path, day: int, version: str | None, verdicts: str = "PP") -> Path:
     firmware = () if version is None else (replace(BOARD, version=version),)
     return write_flown(
