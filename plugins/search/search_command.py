@@ -81,9 +81,7 @@ def _sentences(search: SearchCampaign, outcome: SearchOutcome) -> Iterator[str]:
         yield f"gap from {gap.lower} to {gap.upper}: {mean} of the objective, by {pairs} pairs"
     for (mode, purpose), cost in found.costs.items():
         yield f"{mode}, {purpose}: {cost.flights} flights, {cost.flight_s:.0f} s in flight"
-    covered = space_coverage_of(
-        search.space, [tried_variant.variant.values for tried_variant in found.tried]
-    )
+    covered = space_coverage_of(search.space, found.proven_values)
     yield f"coverage: {covered.flown} of {covered.cells} pairs of cells ({covered.share:.0%})"
 
 

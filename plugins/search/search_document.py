@@ -194,10 +194,8 @@ def _failure_entry(
 
 
 def _coverage_entry(search: SearchCampaign, findings: SearchFindings) -> dict[str, Any]:
-    """Return the entry of how much of the space was flown."""
-    coverage = space_coverage_of(
-        search.space, [tried_variant.variant.values for tried_variant in findings.tried]
-    )
+    """Return the entry of how much of the space has flights that proved something."""
+    coverage = space_coverage_of(search.space, findings.proven_values)
     return {
         "cells": coverage.cells,
         "flown": coverage.flown,

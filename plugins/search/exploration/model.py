@@ -235,6 +235,15 @@ class SearchFindings:
             if tried_variant.variant.name not in settled and tried_variant.failed_last(self.modes)
         )
 
+    @property
+    def proven_values(self) -> tuple[Values, ...]:
+        """Return the values of the variants that have a PASS or a FAIL: what covers the space."""
+        return tuple(
+            one.variant.values
+            for one in self.tried
+            if any(one.passed(mode) or one.failed(mode) for mode in one.outcomes)
+        )
+
     def flown_in(self, mode: Mode) -> tuple[TriedVariant, ...]:
         """Return the variants that were flown in a mode."""
         return tuple(one for one in self.tried if mode in one.outcomes)

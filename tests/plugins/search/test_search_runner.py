@@ -18,6 +18,7 @@ from wil_campaign.orchestrator.cli import main
 from wil_campaign.plugins.search.errors import SearchError
 from wil_campaign.plugins.search.exploration.search_file import load_search
 from wil_campaign.plugins.search.ledger import FILE_NAME as LEDGER
+from wil_campaign.plugins.search.report.search_report import write_search_page
 from wil_campaign.plugins.search.search_command import search_text
 from wil_campaign.plugins.search.search_document import unsettled_texts
 from wil_campaign.plugins.search.search_runner import SearchOutcome, fly_search, search_exit_code
@@ -275,6 +276,18 @@ def test_a_search_whose_dearest_mode_proved_nothing_of_half_its_variants_is_3(
     assert unsettled_texts(findings) == [
         f"{4 - proven} of 4 variants proved nothing in wil: INVALID or ERROR"
     ]
+
+
+def test_what_proved_nothing_is_not_counted_as_covered(tmp_path: Path) -> None:
+    path = write_search(tmp_path)
+    outcome = flown(path, MadeUpEngine(verdict=lambda m: "PASS" if m > -0.5 else "INVALID"))
+    assert (len(outcome.findings.tried), outcome.exit_code) == (3, 0)
+    covered = document(outcome)["coverage"]
+    assert (covered["flown"], covered["cells"]) == (2, 3)
+    search = load_search(path, ExpansionOptions())
+    assert "coverage: 2 of 3 pairs of cells (67%)" in search_text(search, outcome)
+    page = write_search_page(search, outcome).read_text()
+    assert "2 of 3 admissible pairs of cells were flown" in page
 
 
 def test_a_failure_that_is_neither_confirmed_nor_refuted_is_3(tmp_path: Path) -> None:
