@@ -9,6 +9,7 @@ from wil_campaign.plugins.statistics.gap.energy import EnergyFigure
 from wil_campaign.plugins.statistics.gap.gap import TOO_FEW, GapFigure
 from wil_campaign.plugins.statistics.inference.probability_text import p_text
 from wil_campaign.plugins.statistics.pass_rates import MODES, ModeTest, PassRate
+from wil_campaign.plugins.statistics.published import counts_in
 from wil_campaign.plugins.statistics.study import Study
 
 NONE = "-"
@@ -154,9 +155,9 @@ def _rate_text(rate: PassRate | None) -> str:
 
 def _published_text(text: str) -> str:
     """Return published counts in the format of the table; other texts unchanged."""
-    passed, is_count, flown = text.partition("/")
-    if is_count and passed.strip().isdecimal() and flown.strip().isdecimal():
-        return f"P {int(passed)} F {int(flown) - int(passed)}"
+    if (counts := counts_in(text)) is not None:
+        passed, flown = counts
+        return f"P {passed} F {flown - passed}"
     return text or NONE
 
 
