@@ -108,7 +108,8 @@ def search(
     """Look for variants of a campaign that fail, as its `search` says; confirm and reduce them.
 
     Exit code 1: a failure is confirmed, and has its own campaign file. 0: no failure is confirmed.
-    3: failures are neither confirmed nor refuted, or at least half of the variants proved nothing.
+    3: failures are neither confirmed nor refuted, or at least half of the variants of a mode proved
+    nothing.
 
     Parameters
     ----------

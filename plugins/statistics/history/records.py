@@ -15,6 +15,7 @@ from pathlib import Path
 from pydantic import TypeAdapter, ValidationError
 
 from wil_campaign.orchestrator.reading.model import CampaignDocuments, RunEntry
+from wil_campaign.orchestrator.run_results.control_results import control_faults
 from wil_campaign.orchestrator.run_results.result_parts import FlownFirmware
 from wil_campaign.orchestrator.run_results.run_result import RunResult, tightest_oracle
 from wil_campaign.plugins.statistics.comparison.settings import manifest_settings
@@ -31,9 +32,10 @@ class FlightRecord:
     subject; empty in lines of earlier versions. firmware: of the vehicles, in words; empty in those
     too. margin: the smallest of the judged vehicle's required oracles in metres, in any unit where
     no flight of the case and mode has one in metres; None without one. ending: why its campaign
-    ended early, else empty; None where that was not recorded. host: the name of the machine; empty
-    in lines of earlier versions. plan: a digest of the files and versions of the run's campaign;
-    empty in those too.
+    ended early, and its controls that did not end as expected, so that its passes show nothing;
+    else empty; None where that was not recorded. host: the name of the machine; empty in lines of
+    earlier versions. plan: a digest of the files and versions of the run's campaign; empty in those
+    too.
     """
 
     campaign: str
@@ -76,6 +78,7 @@ def flight_records_of(documents: CampaignDocuments) -> Iterator[FlightRecord]:
         for entry in documents.entries
         if entry.result is not None and _metres_of(entry.result) is not None
     }
+    ending = _ending(documents)
     for entry in documents.entries:
         if entry.result is None or entry.result.control is not None:
             continue
@@ -93,7 +96,7 @@ def flight_records_of(documents: CampaignDocuments) -> Iterator[FlightRecord]:
             verdict=entry.result.verdict,
             margin=_margin(entry.result, in_metres=(entry.case, entry.mode) in in_metres),
             duration_s=entry.result.duration_s,
-            ending=None if documents.summary is None else documents.summary.ending,
+            ending=ending,
             host=str(machine or ""),
             firmware=_firmware_text(entry.result),
             plan=_digest(_plan(documents, entry)),
@@ -213,6 +216,14 @@ def _digest(read: object) -> str:
     """Return a short digest of plain values."""
     text = json.dumps(read, sort_keys=True, default=str)
     return hashlib.sha256(text.encode("utf-8", "backslashreplace")).hexdigest()[:16]
+
+
+def _ending(documents: CampaignDocuments) -> str | None:
+    """Return why a campaign ended early, and its unmet controls; None where it is unknown."""
+    if documents.summary is None:
+        return None
+    unmet = control_faults(entry.result for entry in documents.entries if entry.result)
+    return "; ".join(text for text in (documents.summary.ending, *unmet) if text)
 
 
 def _margin(run: RunResult, *, in_metres: bool) -> float | None:
