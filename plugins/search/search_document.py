@@ -103,6 +103,13 @@ def unsettled_texts(findings: SearchFindings) -> list[str]:
         count = len(findings.open_failures)
         are = "failure is" if count == 1 else "failures are"
         texts.append(f"{count} {are} neither confirmed nor refuted")
+    for gap in findings.gaps:
+        if doubtful := len(findings.doubtful(gap)):
+            word, were = ("variant", "was") if doubtful == 1 else ("variants", "were")
+            texts.append(
+                f"{doubtful} {word} may fail in {gap.upper} by the gap, and {were} not flown "
+                "there: the budget is used up"
+            )
     for mode in findings.modes:
         if unproven := len(findings.unproven_in(mode)):
             count = len(findings.flown_in(mode))

@@ -265,6 +265,22 @@ class SearchFindings:
             if (flown := self.flown_in(mode))
         )
 
+    def doubtful(self, gap: ModeGap) -> tuple[TriedVariant, ...]:
+        """Return the variants that may fail in the costlier mode of a gap and were not flown there.
+
+        Without those that failed in the cheaper one, which are open failures.
+        """
+        if not gap.is_measured:
+            return ()
+        return tuple(
+            tried_variant
+            for tried_variant in self.tried
+            if gap.upper not in tried_variant.outcomes
+            and not tried_variant.failed(gap.lower)
+            and (value := tried_variant.value(gap.lower)) is not None
+            and gap.least_above(value) <= 0.0
+        )
+
     @property
     def confirmed(self) -> tuple[FailingCase, ...]:
         """Return the failures that were confirmed."""

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from tests.plugins.search.exploration.made_up import plane, problem, searched
+from tests.plugins.search.exploration.made_up import number, plane, problem, searched
 from tests.plugins.search.searches import SEARCH, MadeUpEngine, write_search
 from wil_campaign.campaigns.expansion.expansion import ExpansionOptions, load_campaign
 from wil_campaign.orchestrator.campaign.flight_options import ClearedCampaign, FlightOptions
@@ -17,6 +17,7 @@ from wil_campaign.orchestrator.campaign.resuming.unchanged_campaign import Resum
 from wil_campaign.orchestrator.cli import main
 from wil_campaign.plugins.search.errors import SearchError
 from wil_campaign.plugins.search.exploration.search_file import load_search
+from wil_campaign.plugins.search.exploration.space import Values
 from wil_campaign.plugins.search.ledger import FILE_NAME as LEDGER
 from wil_campaign.plugins.search.report.search_report import write_search_page
 from wil_campaign.plugins.search.search_command import search_text
@@ -276,6 +277,20 @@ def test_a_search_whose_dearest_mode_proved_nothing_of_half_its_variants_is_3(
     assert unsettled_texts(findings) == [
         f"{4 - proven} of 4 variants proved nothing in wil: INVALID or ERROR"
     ]
+
+
+@pytest.mark.parametrize("budget", [6, 40])
+def test_variants_that_may_fail_in_the_dearest_mode_and_were_left_are_named(budget: int) -> None:
+    """The six that were flown there pass, and by their gap the others may fail."""
+
+    def answer(values: Values, mode: str, _: int) -> float:
+        return 0.5 if mode == "sim" else 0.5 - 0.48 * abs(number(values, "y"))
+
+    given = problem(plane(), budget={"sim": 40, "wil": budget}, at_once=3)
+    findings, _ = searched(given, answer, strategy="sobol")
+    assert search_exit_code(findings, stopped=None, is_broken=False) == 0
+    said = "34 variants may fail in wil by the gap, and were not flown there: the budget is used up"
+    assert unsettled_texts(findings) == ([said] if budget == 6 else [])
 
 
 def test_what_proved_nothing_is_not_counted_as_covered(tmp_path: Path) -> None:
