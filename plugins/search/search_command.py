@@ -81,9 +81,7 @@ def _sentences(search: SearchCampaign, outcome: SearchOutcome) -> Iterator[str]:
         yield f"gap from {gap.lower} to {gap.upper}: {mean} of the objective, by {pairs} pairs"
     for (mode, purpose), cost in found.costs.items():
         yield f"{mode}, {purpose}: {cost.flights} flights, {cost.flight_s:.0f} s in flight"
-    covered = space_coverage_of(
-        search.space, [tried_variant.variant.values for tried_variant in found.tried]
-    )
+    covered = space_coverage_of(search.space, found.proven_values)
     yield f"coverage: {covered.flown} of {covered.cells} pairs of cells ({covered.share:.0%})"
 
 
@@ -110,7 +108,8 @@ def search(
     """Look for variants of a campaign that fail, as its `search` says; confirm and reduce them.
 
     Exit code 1: a failure is confirmed, and has its own campaign file. 0: no failure is confirmed.
-    3: failures are neither confirmed nor refuted, or at least half of the variants proved nothing.
+    3: failures are neither confirmed nor refuted, or at least half of the variants of a mode proved
+    nothing.
 
     Parameters
     ----------

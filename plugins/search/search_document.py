@@ -103,9 +103,18 @@ def unsettled_texts(findings: SearchFindings) -> list[str]:
         count = len(findings.open_failures)
         are = "failure is" if count == 1 else "failures are"
         texts.append(f"{count} {are} neither confirmed nor refuted")
-    if (unproven := len(findings.unproven)) > 0:
-        count = len(findings.tried)
-        texts.append(f"{unproven} of {count} variants proved nothing: INVALID or ERROR")
+    for gap in findings.gaps:
+        if doubtful := len(findings.doubtful(gap)):
+            word, were = ("variant", "was") if doubtful == 1 else ("variants", "were")
+            texts.append(
+                f"{doubtful} {word} may fail in {gap.upper} by the gap, and {were} not flown "
+                "there: the budget is used up"
+            )
+    for mode in findings.modes:
+        if unproven := len(findings.unproven_in(mode)):
+            count = len(findings.flown_in(mode))
+            where = "" if mode == findings.modes[0] else f" in {mode}"
+            texts.append(f"{unproven} of {count} variants proved nothing{where}: INVALID or ERROR")
     return texts
 
 
@@ -192,10 +201,8 @@ def _failure_entry(
 
 
 def _coverage_entry(search: SearchCampaign, findings: SearchFindings) -> dict[str, Any]:
-    """Return the entry of how much of the space was flown."""
-    coverage = space_coverage_of(
-        search.space, [tried_variant.variant.values for tried_variant in findings.tried]
-    )
+    """Return the entry of how much of the space has flights that proved something."""
+    coverage = space_coverage_of(search.space, findings.proven_values)
     return {
         "cells": coverage.cells,
         "flown": coverage.flown,

@@ -323,7 +323,7 @@ def search_exit_code(findings: SearchFindings, *, stopped: Stop | None, is_broke
     """Return the exit code of a search; the first of 130, 4, 3, 1, 5, 0.
 
     1: a failure is confirmed. 3: an internal error; or a failure is neither confirmed nor refuted,
-    or half of the variants or more have no PASS or FAIL. 5: nothing was flown.
+    or half of a mode's variants or more have no PASS or FAIL. 5: nothing was flown.
     """
     if stopped is not None:
         return _CODES[stopped]

@@ -17,7 +17,6 @@ from wil_campaign.orchestrator.cli.text_table import count_text, table_lines
 from wil_campaign.orchestrator.reading.errors import ResultsFolderError
 from wil_campaign.orchestrator.recording.timestamps import utc_text
 from wil_campaign.plugins.statistics.comparison.baseline import FlownSet
-from wil_campaign.plugins.statistics.comparison.comparison import FlightComparison
 from wil_campaign.plugins.statistics.comparison.comparison_page import (
     LinkedFolder,
     render_comparison,
@@ -25,6 +24,7 @@ from wil_campaign.plugins.statistics.comparison.comparison_page import (
 from wil_campaign.plugins.statistics.comparison.errors import ComparisonError
 from wil_campaign.plugins.statistics.comparison.folder_comparison import FolderComparison
 from wil_campaign.plugins.statistics.comparison.folder_comparison import compare as compare_folders
+from wil_campaign.plugins.statistics.inference.probability_text import p_text
 from wil_campaign.plugins.statistics.report_links import REPORT, link_from
 
 _HEAD = ("case", "mode", "what", "before", "after", "flights", "p", "")
@@ -50,7 +50,8 @@ def compare(
     2: a folder has no campaign, or the campaigns share no case and mode. 3: something is damaged;
     the judged campaign was stopped, failed outside of its runs, or does not record its end; a
     control of it did not end as expected, so that its passes show nothing; a shared case, or a
-    larger share of its flights than before, proves nothing; AFTER lacks a case, an oracle or a
+    larger share of its flights than before, proves nothing; a case lost more than the limit, and
+    cannot be tested as the flights of one side are equal; AFTER lacks a case, an oracle or a
     control of BEFORE and --removed is not given; or it was flown with other limits, worlds, files
     or another firmware and --changed is not given.
 
@@ -126,7 +127,7 @@ def _as_text(compared: FolderComparison, *, after: Path) -> str:
     """Return the comparison as a table and sentences."""
     head = f"{after.name} against {_names(compared.baseline)}"
     below = "\n".join(map(printable_problem, _sentences(compared)))
-    return f"{printable_problem(head)}\n\n{table_lines(_HEAD, _rows(compared.found))}\n\n{below}"
+    return f"{printable_problem(head)}\n\n{table_lines(_HEAD, _rows(compared))}\n\n{below}"
 
 
 def _as_markdown(compared: FolderComparison, *, after: Path) -> str:
@@ -134,7 +135,7 @@ def _as_markdown(compared: FolderComparison, *, after: Path) -> str:
     *lines, last = _sentences(compared)
     against = f"{after.name} against {_names(compared.baseline)}"
     parts = [f"### {markdown_text(last)}", markdown_text(against)]
-    parts += [markdown_table(_HEAD, _rows(compared.found))]
+    parts += [markdown_table(_HEAD, _rows(compared))]
     parts += ["\n".join(f"- {markdown_text(line)}" for line in lines)] if lines else []
     return "\n\n".join(parts)
 
@@ -152,6 +153,7 @@ def _as_page(compared: FolderComparison, page: Path, *, after: Path) -> str:
     return render_comparison(
         compared.found.changes,
         compared.settings,
+        level=compared.level,
         conclusion=last,
         sentences=[
             *(sentence for sentence in sentences if not sentence.startswith(of_settings)),
@@ -168,7 +170,7 @@ def _names(baseline: FlownSet) -> str:
     return ", ".join(baseline.names)
 
 
-def _rows(found: FlightComparison) -> list[tuple[str, ...]]:
+def _rows(compared: FolderComparison) -> list[tuple[str, ...]]:
     """Return the cells of the table of changes."""
     return [
         (
@@ -178,10 +180,10 @@ def _rows(found: FlightComparison) -> list[tuple[str, ...]]:
             _figure_text(change.before, change.unit, is_beyond=change.is_beyond[0]),
             _figure_text(change.after, change.unit, is_beyond=change.is_beyond[1]),
             f"{change.flights[0]} and {change.flights[1]}",
-            "-" if change.p is None else f"{change.p:.2g}",
+            "-" if change.p is None else p_text(change.p, compared.level),
             f"{change.outcome}{f': {change.why}' if change.why else ''}",
         )
-        for change in found.changes
+        for change in compared.found.changes
     ]
 
 
@@ -199,7 +201,8 @@ def _sentences(compared: FolderComparison) -> list[str]:
     lines += [f"also changed: {text}" for text in settings.named]
     lines += [f"not flown before: {cell}" for cell in found.only_after]
     worse = [f"{change.case}/{change.mode} {change.what}" for change in found.worse]
-    undecided = sum(change.outcome == "undecided" for change in found.changes)
+    untestable = len(found.untestable)
+    undecided = sum(change.outcome == "undecided" for change in found.changes) - untestable
     last = f"worse: {', '.join(worse)}" if worse else "nothing became worse beyond chance and size"
     if found.flips:
         # First, since under the virtual clock it is no chance.
@@ -210,6 +213,8 @@ def _sentences(compared: FolderComparison) -> list[str]:
         last += f"; {kept} of equal seed kept the verdict"
     if undecided:
         last += f"; {undecided} lost more than the limit, which may be chance: fly more"
+    if untestable:
+        last += f"; {untestable} lost more than the limit and cannot be tested: equal flights"
     return [*lines, last]
 
 

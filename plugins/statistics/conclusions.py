@@ -12,7 +12,9 @@ from wil_campaign.campaigns.statistics.proportions import RateInterval
 from wil_campaign.plugins.statistics.gap.energy import EnergyFigure
 from wil_campaign.plugins.statistics.gap.gap import ALL_CASES, GapFigure
 from wil_campaign.plugins.statistics.inference.exact_tests import PassCounts, stratified_rounded
+from wil_campaign.plugins.statistics.inference.probability_text import p_text
 from wil_campaign.plugins.statistics.pass_rates import MODES, ModeTest, PassRate
+from wil_campaign.plugins.statistics.published import counts_in
 from wil_campaign.plugins.statistics.study import Study
 
 MODE_NAMES = {"sim": "simulation", "wil": "WIL", "real": "reality"}
@@ -101,7 +103,9 @@ def _pair_text(test: ModeTest) -> str:
 
 
 def _pairs_text(tests: Iterable[ModeTest]) -> str:
-    return "; ".join(f"{_pair_text(test)}, p {test.p:.2g}" for test in tests)
+    return "; ".join(
+        f"{_pair_text(test)}, p {p_text(test.p, _LEVEL)}" for test in tests if test.p is not None
+    )
 
 
 def _needed_for_passes(study: Study, tests: Sequence[ModeTest]) -> Iterator[Conclusion]:
@@ -249,10 +253,7 @@ def _of_published(study: Study) -> Iterator[Conclusion]:
     counts = []
     for mode in MODES:
         texts = [text for (_, one), text in study.published.passed.items() if one == mode]
-        pairs = [text.partition("/") for text in texts]
-        known = [
-            (int(a), int(b)) for a, _, b in pairs if a.strip().isdecimal() and b.strip().isdecimal()
-        ]
+        known = [each for text in texts if (each := counts_in(text)) is not None]
         if known:
             total = f"{sum(a for a, _ in known)} of {sum(b for _, b in known)}"
             counts.append(f"{MODE_NAMES[mode]} {total}")

@@ -14,6 +14,14 @@ class PublishedCounts:
     passed: Mapping[tuple[str, str], str] = field(default_factory=dict)
 
 
+def counts_in(text: str) -> tuple[int, int] | None:
+    """Return passes and flights of a text like "1/5"; None for another text, such as "7/5"."""
+    passed, _, flown = (part.strip() for part in text.partition("/"))
+    if not (passed.isdecimal() and flown.isdecimal()) or int(passed) > int(flown):
+        return None
+    return int(passed), int(flown)
+
+
 def published_counts_of(document: Data) -> PublishedCounts:
     """Return the published counts in a campaign file as flown; none where it has none."""
     part = document.get("published") if isinstance(document, dict) else None

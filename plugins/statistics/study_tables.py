@@ -6,8 +6,10 @@ from dataclasses import dataclass
 from wil_campaign.campaigns.statistics.proportions import RateInterval
 from wil_campaign.plugins.statistics.conclusions import MODE_NAMES
 from wil_campaign.plugins.statistics.gap.energy import EnergyFigure
-from wil_campaign.plugins.statistics.gap.gap import GapFigure
+from wil_campaign.plugins.statistics.gap.gap import TOO_FEW, GapFigure
+from wil_campaign.plugins.statistics.inference.probability_text import p_text
 from wil_campaign.plugins.statistics.pass_rates import MODES, ModeTest, PassRate
+from wil_campaign.plugins.statistics.published import counts_in
 from wil_campaign.plugins.statistics.study import Study
 
 NONE = "-"
@@ -153,9 +155,9 @@ def _rate_text(rate: PassRate | None) -> str:
 
 def _published_text(text: str) -> str:
     """Return published counts in the format of the table; other texts unchanged."""
-    passed, is_count, flown = text.partition("/")
-    if is_count and passed.strip().isdecimal() and flown.strip().isdecimal():
-        return f"P {int(passed)} F {int(flown) - int(passed)}"
+    if (counts := counts_in(text)) is not None:
+        passed, flown = counts
+        return f"P {passed} F {flown - passed}"
     return text or NONE
 
 
@@ -165,7 +167,7 @@ def _test_text(test: ModeTest) -> str:
     names = f"{MODE_NAMES[test.one]} and {MODE_NAMES[test.other]}"
     if test.p is None:
         return f"{names}, {where}: no test, {test.why}"
-    return f"{names}, {where}: p {test.p:.2g} ({kind}{f'; {test.why}' if test.why else ''})"
+    return f"{names}, {where}: p {p_text(test.p)} ({kind}{f'; {test.why}' if test.why else ''})"
 
 
 def _gap_row(figure: GapFigure) -> tuple[str, ...]:
@@ -209,7 +211,7 @@ def _holds_text(figure: GapFigure) -> str:
     if figure.nearer_by is None:
         return NONE
     if figure.nearer_interval is None:
-        return "no spread"
+        return "no interval" if figure.basis.endswith(TOO_FEW) else "no spread"
     return _ANSWERS[figure.holds]
 
 

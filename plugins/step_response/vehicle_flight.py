@@ -29,6 +29,7 @@ from wil_campaign.plugins.step_response.step_responses import (
 )
 from wil_campaign.vehicles.errors import VehicleError
 from wil_campaign.vehicles.links.link_strings import LinkAddress, LinkAddressError
+from wil_campaign.worlds.figures import distinct_value_text
 
 DIFFERS, ABORTED = 1, 4
 _EXACT_M = 0.1
@@ -85,7 +86,7 @@ def _as_text(found: AttachedVehicle, flown: FlownStepResponses) -> str:
     rows: list[tuple[str, str, str, str, str]] = []
     for row in flown.figures:
         least, most = row.firmware
-        off = f"{row.off:+.0%}" if math.isfinite(row.off) else "not reached"
+        off = _percent_text(row.off) if math.isfinite(row.off) else "not reached"
         value = "-" if row.flown is None else f"{row.flown:g}"
         rows.append(
             (f"{row.segment} {row.name}", value, f"{least:g} to {most:g}", off, _mark(row.beyond))
@@ -109,7 +110,14 @@ def _estimate_text(off_m: float | None) -> str:
     if off_m is None:
         return "its simulator sent no ground truth: the error of its estimate is unknown"
     judged = "" if off_m < _EXACT_M else "; judge it by its ground truth (pose_source: simulator)"
-    return f"its estimate was up to {off_m:.2f} m from its simulator's ground truth{judged}"
+    off = distinct_value_text(off_m, _EXACT_M)
+    return f"its estimate was up to {off} m from its simulator's ground truth{judged}"
+
+
+def _percent_text(off: float) -> str:
+    """Return a signed difference in percent, not rounded to the limit from either side."""
+    sign = "-" if off < 0.0 else "+"
+    return f"{sign}{distinct_value_text(100.0 * abs(off), 100.0 * LIMIT, digits=0)}%"
 
 
 def _mark(beyond: bool) -> str:

@@ -1,6 +1,8 @@
 """`wil-campaign plan`: shows the runs of a campaign."""
 
 import json
+import math
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
 
@@ -8,6 +10,7 @@ from cyclopts import Parameter
 
 from wil_campaign.campaigns.expansion.expansion import Campaign, load_campaign
 from wil_campaign.campaigns.statistics.proportions import flights_without_failure, least_pass_rate
+from wil_campaign.campaigns.values.acceptance import PassRequirement
 from wil_campaign.orchestrator.cli.run_selection import ALL, RunSelection
 from wil_campaign.orchestrator.cli.standard_streams import write_stdout
 from wil_campaign.orchestrator.cli.text_table import count_text, table_lines
@@ -64,10 +67,12 @@ def _claim_text(campaign: Campaign) -> str:
             f"against {test.against:g}, each with an error of {test.error:g}: {test.least_flights} "
             f"flights when all pass, {test.least_failures} when all fail, {test.most} at most"
         )
+    # Rounded down: 58 flights show 0.9497, and no 0.95.
+    shown = math.floor(100.0 * least_pass_rate(repetitions)) / 100.0
     needs = ", ".join(f"{rate:.2f} needs {flights_without_failure(rate)}" for rate in _CLAIMS)
     return (
         f"claims: {count_text(repetitions, 'flight')} of a case and mode, all passed, show a pass "
-        f"rate of at least {least_pass_rate(repetitions):.2f} with a confidence of 95 %; {needs}"
+        f"rate of at least {shown:.2f} with a confidence of 95 %; {needs}"
     )
 
 
@@ -110,8 +115,13 @@ def plan_document(campaign: Campaign) -> dict[str, object]:
             {"pass_rate": rate, "confidence": 0.95, "flights": flights_without_failure(rate)}
             for rate in _CLAIMS
         ],
-        "accept": [
-            {"case": r.case, "mode": r.mode, "passes": r.share.passes, "runs": r.share.runs}
-            for r in campaign.requirements
-        ],
+        "accept": [_accept_entry(requirement) for requirement in campaign.requirements],
     }
+
+
+def _accept_entry(wanted: PassRequirement) -> dict[str, object]:
+    """Return what is required of a case and mode: the share, or the test that has to decide."""
+    entry: dict[str, object] = {"case": wanted.case, "mode": wanted.mode}
+    if wanted.test is not None:
+        return entry | {"test": asdict(wanted.test)}
+    return entry | {"passes": wanted.share.passes, "runs": wanted.share.runs}

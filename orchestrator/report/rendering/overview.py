@@ -223,10 +223,14 @@ def _evidence_texts(runs: Iterable[RunResult]) -> Iterator[str]:
 
 
 def _signal_text(signal: str, source: str, results: Sequence[EvidenceResult]) -> str:
-    worst = max(results, key=lambda one: one.largest_gap_s)
+    # Limits may differ by case: a longer gap within its own is not what was too long.
+    worst = max(results, key=lambda one: (one.verdict != "PASS", one.largest_gap_s))
     bad = sum(result.verdict != "PASS" for result in results)
     by = f" ({source})" if source else ""
-    text = f"{signal}{by} {number_text(worst.largest_gap_s)} of {number_text(worst.limit_s, 's')}"
+    gap, limit = number_text(worst.largest_gap_s, "s"), number_text(worst.limit_s, "s")
+    if gap == limit and worst.largest_gap_s > worst.limit_s:
+        gap, limit = (f"{each:.6g} s" for each in (worst.largest_gap_s, worst.limit_s))
+    text = f"{signal}{by} {gap.removesuffix(' s')} of {limit}"
     return text + (f", NOT SUFFICIENT in {run_count_text(bad)}" if bad else "")
 
 

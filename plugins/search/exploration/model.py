@@ -1,6 +1,5 @@
 """Values of a search: variants, flights, outcomes, failing cases and findings."""
 
-import itertools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal
@@ -130,12 +129,6 @@ class TriedVariant:
         proven = [mode for mode in modes if self.failed(mode) or self.passed(mode)]
         return bool(proven) and self.failed(proven[-1])
 
-    @property
-    def is_proven(self) -> bool:
-        """Return whether a flight in any mode has the verdict PASS or FAIL."""
-        outcomes = itertools.chain.from_iterable(self.outcomes.values())
-        return any(outcome.verdict in {"PASS", "FAIL"} for outcome in outcomes)
-
     def cause(self, mode: Mode) -> str:
         """Return the cause of the first failure in a mode; "" without one."""
         causes = [
@@ -243,14 +236,50 @@ class SearchFindings:
         )
 
     @property
-    def unproven(self) -> tuple[TriedVariant, ...]:
-        """Return the variants all of whose flights were INVALID or ERROR."""
-        return tuple(tried_variant for tried_variant in self.tried if not tried_variant.is_proven)
+    def proven_values(self) -> tuple[Values, ...]:
+        """Return the values of the variants that have a PASS or a FAIL: what covers the space."""
+        return tuple(
+            one.variant.values
+            for one in self.tried
+            if any(one.passed(mode) or one.failed(mode) for mode in one.outcomes)
+        )
+
+    def flown_in(self, mode: Mode) -> tuple[TriedVariant, ...]:
+        """Return the variants that were flown in a mode."""
+        return tuple(one for one in self.tried if mode in one.outcomes)
+
+    def unproven_in(self, mode: Mode) -> tuple[TriedVariant, ...]:
+        """Return the variants all of whose flights in a mode were INVALID or ERROR."""
+        return tuple(
+            tried_variant
+            for tried_variant in self.flown_in(mode)
+            if not (tried_variant.failed(mode) or tried_variant.passed(mode))
+        )
 
     @property
     def is_proven(self) -> bool:
-        """Return whether more than half of the variants have a PASS or a FAIL."""
-        return len(self.unproven) * 2 < len(self.tried)
+        """Return whether in each mode more than half of its variants have a PASS or a FAIL."""
+        return all(
+            2 * len(self.unproven_in(mode)) < len(flown)
+            for mode in self.modes
+            if (flown := self.flown_in(mode))
+        )
+
+    def doubtful(self, gap: ModeGap) -> tuple[TriedVariant, ...]:
+        """Return the variants that may fail in the costlier mode of a gap and were not flown there.
+
+        Without those that failed in the cheaper one, which are open failures.
+        """
+        if not gap.is_measured:
+            return ()
+        return tuple(
+            tried_variant
+            for tried_variant in self.tried
+            if gap.upper not in tried_variant.outcomes
+            and not tried_variant.failed(gap.lower)
+            and (value := tried_variant.value(gap.lower)) is not None
+            and gap.least_above(value) <= 0.0
+        )
 
     @property
     def confirmed(self) -> tuple[FailingCase, ...]:

@@ -40,10 +40,13 @@ def votes_standing(votes: VariantVotes, *, needed: int, due: int) -> Standing:
 
     Flights without a result (INVALID, ERROR) might have failed or passed: they decide nothing. A
     failure that came back, though too seldom to be confirmed, is a failure at some rate: it is
-    intermittent. Refuted is one that did not come back in any flight.
+    intermittent. Refuted is one that did not come back in any flight, and all have a result.
     """
+    unproven = due - votes.proven
     if votes.failed >= needed:
         return "confirmed"
-    if votes.failed + due - votes.proven >= needed:
+    if votes.failed + unproven >= needed:
         return "undecided"
-    return "intermittent" if votes.failed else "refuted"
+    if votes.failed:
+        return "intermittent"
+    return "undecided" if unproven else "refuted"

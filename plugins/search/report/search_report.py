@@ -72,9 +72,7 @@ def write_search_page(search: SearchCampaign, outcome: SearchOutcome) -> Path:
         exit_code=outcome.exit_code,
         unsettled=tuple(unsettled_texts(findings)),
         files=outcome.files,
-        coverage=space_coverage_of(
-            search.space, [tried_variant.variant.values for tried_variant in findings.tried]
-        ),
+        coverage=space_coverage_of(search.space, findings.proven_values),
         sensed=sensed_coverage_of(findings),
     )
     path = outcome.folder / FILE_NAME

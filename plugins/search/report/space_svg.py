@@ -74,11 +74,7 @@ def _cells(
     def cell(shares: Sequence[float]) -> tuple[int, int]:
         return cell_of(across[1], shares[across[0]]), cell_of(up[1], shares[up[0]])
 
-    flown = {
-        cell(shares)
-        for tried_variant in findings.tried
-        if (shares := space.shares(tried_variant.variant.values))
-    }
+    flown = {cell(shares) for values in findings.proven_values if (shares := space.shares(values))}
     # A single parameter is drawn on both axes.
     is_sampled = bool(space.constraints) or across is up
     admissible = {cell(shares) for shares in samples} | flown if is_sampled else None

@@ -15,6 +15,8 @@ from wil_campaign.plugins.statistics.pass_rates import distinct_runs, is_proven
 from wil_campaign.safety.oracles.contact import exceeded_margin_m
 
 Outcome = Literal["worse", "not worse", "undecided"]
+_DIGITS = 12
+"""Of a level: 1 - 0.9 is a little below 0.1."""
 Cells = Mapping[tuple[str, str], Sequence[RunResult]]
 
 
@@ -28,6 +30,11 @@ class LossLimits:
     pass_rate: float = 0.1
     margin: float | None = None
     confidence: float = 0.95
+
+    @property
+    def level(self) -> float:
+        """Return the largest p that is beyond chance."""
+        return round(1.0 - self.confidence, _DIGITS)
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,6 +93,13 @@ class FlightComparison:
     def worse(self) -> tuple[FigureChange, ...]:
         """Return what became worse."""
         return tuple(change for change in self.changes if change.outcome == "worse")
+
+    @property
+    def untestable(self) -> tuple[FigureChange, ...]:
+        """Return what lost more than its limit and cannot be tested, however many flights fly."""
+        return tuple(
+            change for change in self.changes if change.outcome == "undecided" and change.p is None
+        )
 
 
 def runs_by_cell(runs: Iterable[RunResult]) -> dict[tuple[str, str], list[RunResult]]:
@@ -269,7 +283,7 @@ def _corrected(changes: Sequence[FigureChange], limits: LossLimits) -> list[Figu
         if large and p is None:
             outcome = "undecided"
         elif large and p is not None:
-            outcome = "worse" if p <= 1.0 - limits.confidence else "undecided"
+            outcome = "worse" if p <= limits.level else "undecided"
         found.append(replace(change, p=p, outcome=outcome))
     return found
 

@@ -9,6 +9,7 @@ from wil_campaign.campaigns.statistics.proportions import clopper_pearson
 from wil_campaign.orchestrator.report.rendering.page_parts import render_template
 from wil_campaign.plugins.statistics.comparison.comparison import FigureChange
 from wil_campaign.plugins.statistics.comparison.settings import SettingsChanges
+from wil_campaign.plugins.statistics.inference.probability_text import p_text
 from wil_campaign.plugins.statistics.rate_svg import DrawnRate, rate_bar, rate_text
 
 RATE = "pass rate"
@@ -27,6 +28,7 @@ class LinkedFolder:
 class _Row:
     change: FigureChange
     badge: str
+    p: str
     before: str
     after: str
     bars: tuple[Markup, ...]
@@ -36,17 +38,21 @@ def render_comparison(
     changes: Sequence[FigureChange],
     settings: SettingsChanges,
     *,
+    level: float,
     conclusion: str,
     sentences: Sequence[str],
     before: Sequence[LinkedFolder],
     after: LinkedFolder,
     made_utc: str,
 ) -> str:
-    """Return the page as HTML. sentences: what else is to say, one point each."""
+    """Return the page as HTML. level: the largest p that is beyond chance.
+
+    sentences: what else is to say, one point each.
+    """
     return render_template(
         "compare.html.j2",
         package="wil_campaign.plugins.statistics",
-        rows=[_row(change) for change in changes],
+        rows=[_row(change, level) for change in changes],
         settings=settings,
         conclusion=conclusion,
         is_worse=any(change.outcome == "worse" for change in changes),
@@ -57,8 +63,9 @@ def render_comparison(
     )
 
 
-def _row(change: FigureChange) -> _Row:
+def _row(change: FigureChange, level: float) -> _Row:
     badge = _BADGES[change.outcome]
+    p = "\N{EN DASH}" if change.p is None else p_text(change.p, level)
     if change.what == RATE:
         rates = [
             DrawnRate(passed, flown, None if equal else clopper_pearson(passed, flown))
@@ -68,9 +75,9 @@ def _row(change: FigureChange) -> _Row:
             for passed in (round(share * flown),)
         ]
         before, after = (rate_text(rate) for rate in rates)
-        return _Row(change, badge, before, after, tuple(rate_bar(rate) for rate in rates))
+        return _Row(change, badge, p, before, after, tuple(rate_bar(rate) for rate in rates))
     before, after = (
         f"{'> ' if is_beyond else ''}{value:.3g} {change.unit}"
         for value, is_beyond in zip((change.before, change.after), change.is_beyond, strict=True)
     )
-    return _Row(change, badge, before, after, ())
+    return _Row(change, badge, p, before, after, ())

@@ -29,6 +29,7 @@ class FolderComparison:
 
     found: its flights with theirs. baseline, judged: what was read. removed_controls: "case/mode"
     of controls that only the baseline has. settings: how limits, worlds, files and firmware differ.
+    level: the largest p that is beyond chance.
     """
 
     found: FlightComparison
@@ -36,6 +37,7 @@ class FolderComparison:
     judged: FlownSet
     removed_controls: tuple[str, ...]
     settings: SettingsChanges
+    level: float
 
     @property
     def is_less(self) -> bool:
@@ -61,7 +63,7 @@ class FolderComparison:
             return 3
         if (self.is_less and not removed) or (self.settings.changed and not changed):
             return 3
-        return 1 if found.worse else 0
+        return 1 if found.worse else 3 if found.untestable else 0
 
 
 def compare(
@@ -91,7 +93,8 @@ def compare(
     limits = LossLimits(worse_by, margin_by, confidence)
     found = compare_flights(runs_by_cell(baseline.runs), runs_by_cell(judged.runs), limits)
     gone = tuple(control for control in baseline.controls if control not in judged.controls)
-    return FolderComparison(found, baseline, judged, gone, _settings(baseline, judged))
+    settings = _settings(baseline, judged)
+    return FolderComparison(found, baseline, judged, gone, settings, limits.level)
 
 
 def _settings(baseline: FlownSet, judged: FlownSet) -> SettingsChanges:

@@ -25,6 +25,9 @@ from wil_campaign.worlds.jit import F64
 
 ALL_CASES = "all cases"
 _SEED = 20210530
+_LEAST_FLIGHTS = 3
+"""Flights of each mode: of one or two, up to half of the intervals misses the true value."""
+TOO_FEW = f"fewer than {_LEAST_FLIGHTS} flights of a mode: no interval"
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,7 +36,7 @@ class GapFigure:
 
     closed_percent: how much of the gap of `sim` is closed in `wil`: 100 for all, negative where it
     is wider. nearer_by: real_to_sim less real_to_wil. The intervals are None where flights are
-    equal or single; `basis` has the reason. holds: whether wil is nearer beyond chance; None where
+    equal or too few; `basis` has the reason. holds: whether wil is nearer beyond chance; None where
     the interval of nearer_by contains 0, or without one.
     """
 
@@ -97,11 +100,14 @@ def _figure(case: str, measure: FlightMeasure, parts: Sequence[CaseDistances]) -
     wil = mean_of_cases([None if part.wil is None else float(part.wil.mean()) for part in parts])
     closed = nearer = None
     closed_interval = nearer_interval = None
+    is_too_few = False
     if sim is not None and wil is not None:
         nearer = sim - wil
         closed = 100.0 * (1.0 - wil / sim) if sim > 0.0 else None
         sizes = [size for part in parts for size in part.sizes]
         nearer_interval = bootstrap_interval(sizes, _nearer(parts), seed=_SEED)
+        if nearer_interval is not None and min(sizes) < _LEAST_FLIGHTS:
+            nearer_interval, is_too_few = None, True
         if nearer_interval is not None and closed is not None:
             closed_interval = bootstrap_interval(sizes, _closed(parts), seed=_SEED)
     return GapFigure(
@@ -117,12 +123,16 @@ def _figure(case: str, measure: FlightMeasure, parts: Sequence[CaseDistances]) -
         nearer_by=nearer,
         nearer_interval=nearer_interval,
         holds=is_nearer(nearer_interval),
-        basis=_basis(parts, nearer, nearer_interval),
+        basis=_basis(parts, nearer, nearer_interval, is_too_few=is_too_few),
     )
 
 
 def _basis(
-    parts: Sequence[CaseDistances], nearer: float | None, interval: RateInterval | None
+    parts: Sequence[CaseDistances],
+    nearer: float | None,
+    interval: RateInterval | None,
+    *,
+    is_too_few: bool,
 ) -> str:
     """Return the number of flights behind a figure, and why it has no interval."""
     real, sim, wil = (sum(part.sizes[place] for part in parts) for place in range(3))
@@ -131,6 +141,8 @@ def _basis(
         return f"{counted}; not all recorded the measure" if sim and wil else counted
     if interval is not None:
         return counted
+    if is_too_few:
+        return f"{counted}; {TOO_FEW}"
     single = all(size == 1 for part in parts for size in part.sizes)
     why = "one flight of each mode" if single else "equal flights: deterministic, no spread"
     return f"{counted}; {why}"

@@ -18,10 +18,11 @@ class HistoryRow:
     """A case and mode of one campaign. margin, duration_s: medians; None without one.
 
     version: with twelve digits of its commit. interval: of the pass rate; None where several
-    flights have equal figures. ending: why the campaign ended early, else empty; None where it was
-    not recorded. settings: a digest of the test's; is_other: they differ from those of the row
-    before of the case and mode, so that the two are not of one line. firmware: of the vehicles, in
-    words; other_firmware: it is known, and another than that of the row before.
+    flights have equal figures. ending: why the campaign ended early, or has unmet controls, else
+    empty; None where it was not recorded. settings: a digest of the test's; is_other: they differ
+    from those of the row before of the case and mode, so that the two are not of one line.
+    firmware: of the vehicles, in words; other_firmware: it is known, and another than that of the
+    row before.
     """
 
     campaign: str

@@ -15,6 +15,7 @@ from pathlib import Path
 from pydantic import TypeAdapter, ValidationError
 
 from wil_campaign.orchestrator.reading.model import CampaignDocuments, RunEntry
+from wil_campaign.orchestrator.run_results.control_results import control_faults
 from wil_campaign.orchestrator.run_results.result_parts import FlownFirmware
 from wil_campaign.orchestrator.run_results.run_result import RunResult, tightest_oracle
 from wil_campaign.plugins.statistics.comparison.settings import manifest_settings
@@ -29,10 +30,12 @@ class FlightRecord:
     inputs: a digest of all files read, of the versions and of the firmware; a flight with the same
     seed and inputs is a repetition. settings: a digest of those of its campaign's test, without the
     subject; empty in lines of earlier versions. firmware: of the vehicles, in words; empty in those
-    too. margin: the smallest of the judged vehicle's required oracles in metres (else in any unit),
-    None without one. ending: why its campaign ended early, else empty; None where that was not
-    recorded. host: the name of the machine; empty in lines of earlier versions. plan: a digest of
-    the files and versions of the run's campaign; empty in those too.
+    too. margin: the smallest of the judged vehicle's required oracles in metres, in any unit where
+    no flight of the case and mode has one in metres; None without one. ending: why its campaign
+    ended early, and its controls that did not end as expected, so that its passes show nothing;
+    else empty; None where that was not recorded. host: the name of the machine; empty in lines of
+    earlier versions. plan: a digest of the files and versions of the run's campaign; empty in those
+    too.
     """
 
     campaign: str
@@ -70,6 +73,12 @@ def flight_records_of(documents: CampaignDocuments) -> Iterator[FlightRecord]:
     version = versions.get("wil-campaign") if isinstance(versions, dict) else None
     host = manifest.get("host")
     machine = host.get("name") if isinstance(host, dict) else None
+    in_metres = {
+        (entry.case, entry.mode)
+        for entry in documents.entries
+        if entry.result is not None and _metres_of(entry.result) is not None
+    }
+    ending = _ending(documents)
     for entry in documents.entries:
         if entry.result is None or entry.result.control is not None:
             continue
@@ -85,9 +94,9 @@ def flight_records_of(documents: CampaignDocuments) -> Iterator[FlightRecord]:
             inputs=_inputs(documents, entry),
             settings=_digest(manifest_settings(manifest)),
             verdict=entry.result.verdict,
-            margin=_smallest_margin(entry.result),
+            margin=_margin(entry.result, in_metres=(entry.case, entry.mode) in in_metres),
             duration_s=entry.result.duration_s,
-            ending=None if documents.summary is None else documents.summary.ending,
+            ending=ending,
             host=str(machine or ""),
             firmware=_firmware_text(entry.result),
             plan=_digest(_plan(documents, entry)),
@@ -209,8 +218,27 @@ def _digest(read: object) -> str:
     return hashlib.sha256(text.encode("utf-8", "backslashreplace")).hexdigest()[:16]
 
 
-def _smallest_margin(run: RunResult) -> float | None:
-    """Return the smallest margin in metres, which flights can be compared by, or else of all."""
+def _ending(documents: CampaignDocuments) -> str | None:
+    """Return why a campaign ended early, and its unmet controls; None where it is unknown."""
+    if documents.summary is None:
+        return None
+    unmet = control_faults(entry.result for entry in documents.entries if entry.result)
+    return "; ".join(text for text in (documents.summary.ending, *unmet) if text)
+
+
+def _margin(run: RunResult, *, in_metres: bool) -> float | None:
+    """Return a run's smallest margin. in_metres: of those in metres alone.
+
+    A flight that came near nothing has none in metres: its seconds are not to stand among them.
+    """
+    if in_metres:
+        return _metres_of(run)
+    tightest = tightest_oracle(run)
+    return None if tightest is None else tightest.margin
+
+
+def _metres_of(run: RunResult) -> float | None:
+    """Return the smallest margin in metres, which flights can be compared by; None without one."""
     in_metres = tuple(oracle for oracle in run.oracles if oracle.unit == "m")
-    tightest = tightest_oracle(replace(run, oracles=in_metres)) or tightest_oracle(run)
+    tightest = tightest_oracle(replace(run, oracles=in_metres))
     return None if tightest is None else tightest.margin

@@ -66,6 +66,17 @@ def test_a_cut_off_test_of_the_docs_leaves_so_much_undecided() -> None:
     assert shares == pytest.approx([0.90, 0.03, 0.07], abs=0.005)
 
 
+@pytest.mark.parametrize(("at_least", "against"), [(0.95, 0.8), (0.9, 0.5), (0.9999, 0.7448)])
+def test_a_wrong_decision_is_as_improbable_as_the_page_says(
+    at_least: float, against: float
+) -> None:
+    """Wald's bound of each is error / (1 - error): 5.25 % of the third, which is above `error`."""
+    test = SequentialTest(at_least, against, most=60)
+    wrong = _exactly(test, against)["at least"], _exactly(test, at_least)["below"]
+    assert max(wrong) <= 0.05 / 0.95
+    assert sum(wrong) <= 2 * 0.05
+
+
 @pytest.mark.parametrize("bad", [(0.8, 0.9, 5, 0.05), (1.0, 0.8, 5, 0.05), (0.9, 0.8, 0, 0.05)])
 def test_an_impossible_sequential_test_is_refused(bad: tuple[float, float, int, float]) -> None:
     with pytest.raises(ValueError, match="needs"):

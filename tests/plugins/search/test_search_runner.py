@@ -1,5 +1,6 @@
 """A search flown by an engine that flies nothing: what is written, resumed, and its exit codes."""
 
+import itertools
 import json
 import sys
 from pathlib import Path
@@ -7,6 +8,7 @@ from typing import Any
 
 import pytest
 
+from tests.plugins.search.exploration.made_up import number, plane, problem, searched
 from tests.plugins.search.searches import SEARCH, MadeUpEngine, write_search
 from wil_campaign.campaigns.expansion.expansion import ExpansionOptions, load_campaign
 from wil_campaign.orchestrator.campaign.flight_options import ClearedCampaign, FlightOptions
@@ -15,9 +17,12 @@ from wil_campaign.orchestrator.campaign.resuming.unchanged_campaign import Resum
 from wil_campaign.orchestrator.cli import main
 from wil_campaign.plugins.search.errors import SearchError
 from wil_campaign.plugins.search.exploration.search_file import load_search
+from wil_campaign.plugins.search.exploration.space import Values
 from wil_campaign.plugins.search.ledger import FILE_NAME as LEDGER
+from wil_campaign.plugins.search.report.search_report import write_search_page
 from wil_campaign.plugins.search.search_command import search_text
-from wil_campaign.plugins.search.search_runner import SearchOutcome, fly_search
+from wil_campaign.plugins.search.search_document import unsettled_texts
+from wil_campaign.plugins.search.search_runner import SearchOutcome, fly_search, search_exit_code
 from wil_campaign.safety.model.oracle_results import Verdict
 
 TPE = SEARCH.replace("strategy: grid", "strategy: tpe").replace("sim: 3", "sim: 4")
@@ -254,6 +259,50 @@ def test_a_search_that_proved_nothing_of_half_its_variants_is_3(
     assert (len(outcome.findings.tried), outcome.exit_code) == (4, code)
     said = search_text(load_search(path, ExpansionOptions()), outcome)
     assert f"{4 - passes} of 4 variants proved nothing: INVALID or ERROR" in said
+
+
+@pytest.mark.parametrize(("proven", "code"), [(0, 3), (2, 3), (3, 0)])
+def test_a_search_whose_dearest_mode_proved_nothing_of_half_its_variants_is_3(
+    proven: int, code: int
+) -> None:
+    """All pass in simulation; of four in `wil` so many prove something."""
+    flown = itertools.count(1)
+
+    def answer(_: object, mode: str, __: int) -> float | None:
+        return 1.0 if mode == "sim" or next(flown) <= proven else None
+
+    given = problem(plane(), budget={"sim": 4, "wil": 4}, at_once=4)
+    findings, _ = searched(given, answer, strategy="sobol")
+    assert search_exit_code(findings, stopped=None, is_broken=False) == code
+    assert unsettled_texts(findings) == [
+        f"{4 - proven} of 4 variants proved nothing in wil: INVALID or ERROR"
+    ]
+
+
+@pytest.mark.parametrize("budget", [6, 40])
+def test_variants_that_may_fail_in_the_dearest_mode_and_were_left_are_named(budget: int) -> None:
+    """The six that were flown there pass, and by their gap the others may fail."""
+
+    def answer(values: Values, mode: str, _: int) -> float:
+        return 0.5 if mode == "sim" else 0.5 - 0.48 * abs(number(values, "y"))
+
+    given = problem(plane(), budget={"sim": 40, "wil": budget}, at_once=3)
+    findings, _ = searched(given, answer, strategy="sobol")
+    assert search_exit_code(findings, stopped=None, is_broken=False) == 0
+    said = "34 variants may fail in wil by the gap, and were not flown there: the budget is used up"
+    assert unsettled_texts(findings) == ([said] if budget == 6 else [])
+
+
+def test_what_proved_nothing_is_not_counted_as_covered(tmp_path: Path) -> None:
+    path = write_search(tmp_path)
+    outcome = flown(path, MadeUpEngine(verdict=lambda m: "PASS" if m > -0.5 else "INVALID"))
+    assert (len(outcome.findings.tried), outcome.exit_code) == (3, 0)
+    covered = document(outcome)["coverage"]
+    assert (covered["flown"], covered["cells"]) == (2, 3)
+    search = load_search(path, ExpansionOptions())
+    assert "coverage: 2 of 3 pairs of cells (67%)" in search_text(search, outcome)
+    page = write_search_page(search, outcome).read_text()
+    assert "2 of 3 admissible pairs of cells were flown" in page
 
 
 def test_a_failure_that_is_neither_confirmed_nor_refuted_is_3(tmp_path: Path) -> None:

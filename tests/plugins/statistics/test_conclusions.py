@@ -68,6 +68,16 @@ def test_a_difference_of_passes_says_what_would_show_it(tmp_path: Path) -> None:
     assert "The pass rates of the modes differ: simulation and WIL" in texts(apart, "shown")
 
 
+def test_a_rounded_p_does_not_contradict_what_is_shown() -> None:
+    """6 of 8 and 26 of 26 differ by 0.0499, and 8 of 11 and 17 of 17 do not by 0.0504."""
+    for p, kind, said in ((0.04991, "shown", "p 0.0499"), (0.05037, "not shown", "p 0.0504")):
+        rates = [PassRate("a", mode, 5, 8, 0, False, None) for mode in ("sim", "wil")]
+        test = ModeTest("a", "sim", "wil", p)
+        study = Study(PassRates(tuple(rates), (test,), ()), CampaignGap())
+        assert said in texts(study_conclusions(study), kind)
+        assert said in study_text(study)
+
+
 def many_flights(passed: int) -> Study:
     """Return ten cases of 20 flights; of the first, wil passed fewer than sim's 10."""
     rates = [

@@ -57,6 +57,7 @@ SITL = AttachedVehicle(
     battery=None,
     armed=False,
 )
+BESIDE = tuple(FigureRow("yaw 60", "t90_s", (0.8, 0.8), 0.8, off) for off in (0.152, -0.149))
 ALIKE = FlownStepResponses(
     (FigureRow("yaw 60", "t90_s", (0.82, 0.84), 0.8, -0.024),),
     (OrderRow("arming", ("acknowledged", "armed"), ("acknowledged", "armed")),),
@@ -143,6 +144,12 @@ def test_the_table_marks_figures_within_and_beyond_the_limit(
     assert said.endswith("px4 1.18.0 differs from PX4 of August 2026 in SIH in 3 of 3\n")
     off = "its estimate was up to 0.52 m from its simulator's ground truth; judge it by its ground"
     assert off in said
+    flown[:] = [replace(ALIKE, estimate_off_m=0.1004, figures=BESIDE)]
+    assert main(FLY) == 1
+    said = capsys.readouterr().out
+    ends = [line.split()[-2:] for line in said.splitlines() if line.startswith("yaw 60")]
+    assert ends == [["+15.2%", "out"], ["-14.9%", "in"]]
+    assert "up to 0.1004 m from its simulator's ground truth; judge it by" in said
     flown[:] = [replace(ALIKE, estimate_off_m=0.04)]
     assert main(FLY) == 0
     assert "up to 0.04 m from its simulator's ground truth\n" in capsys.readouterr().out

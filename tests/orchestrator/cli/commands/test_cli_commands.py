@@ -156,8 +156,26 @@ def test_plan_shows_a_table(cli: Cli) -> None:
     assert lines[2].split() == ["case", "mode", "rep", "seed", "counts"]
     assert lines[4].split() == ["large", "sim", "1", "3820083363037036", "required"]
     assert len(lines) == 11
-    assert "all passed, show a pass rate of at least 0.55" in lines[10]
+    assert "all passed, show a pass rate of at least 0.54" in lines[10]
     assert "0.80 needs 14, 0.90 needs 29, 0.95 needs 59, 0.99 needs 299" in lines[10]
+
+
+def test_plan_as_json_has_the_test_that_decides(cli: Cli) -> None:
+    """It said that all of the most flights must pass."""
+    until = "repetitions={until: decided, at_least: 0.95, against: 0.8, most: 60}"
+    given = ("--case", "large", "--mode", "sim", "--set", until, "--set", "accept=null")
+    outcome = cli("plan", "campaigns/gate.yaml", *given, "--json")
+    assert outcome.code == 0, outcome.err
+    decided = {"at_least": 0.95, "against": 0.8, "most": 60, "error": 0.05}
+    accept = json.loads(outcome.out)["accept"]
+    assert accept == [{"case": "large", "mode": "sim", "test": decided}]
+
+
+def test_plan_claims_no_more_than_the_flights_show(cli: Cli) -> None:
+    """Of 58 flights it said 0.95, and in the same line that 0.95 needs 59; of 600, 1.00."""
+    given = ("plan", "campaigns/gate.yaml", "--case", "large", "--mode", "sim", "--repetitions")
+    for count, shown in ((1, "0.05"), (28, "0.89"), (58, "0.94"), (59, "0.95"), (600, "0.99")):
+        assert f"a pass rate of at least {shown} with" in cli(*given, str(count)).out
 
 
 def test_plan_as_json_is_one_document(cli: Cli) -> None:

@@ -19,7 +19,7 @@ from wil_campaign.orchestrator.report.rendering.overview import (
 )
 from wil_campaign.orchestrator.report.words import NOTHING
 from wil_campaign.orchestrator.run_results.run_result import RunResult
-from wil_campaign.safety.model.oracle_results import OracleResult
+from wil_campaign.safety.model.oracle_results import EvidenceResult, OracleResult
 
 COMPOSED: dict[str, Any] = {"campaign": "both", "campaigns": {"one": "gate.yaml"}}
 """The document of a composition has neither `accept` nor the repetitions of its parts."""
@@ -157,6 +157,42 @@ def test_the_smallest_margin_is_of_a_limit_that_was_exceeded(
     margins: tuple[tuple[str, str, float | None, bool], ...], text: str
 ) -> None:
     assert margin_text(judged(*margins)) == text
+
+
+@pytest.mark.parametrize(
+    ("gaps", "text"),
+    [
+        (((0.4, 0.5, "PASS"), (0.2, 0.06, "INVALID")), "0.2 of 0.06 s, NOT SUFFICIENT in 1 run"),
+        (((0.06004, 0.06, "INVALID"),), "0.06004 of 0.06 s, NOT SUFFICIENT in 1 run"),
+        (((0.4, 0.5, "PASS"), (0.06, 0.06, "PASS")), "0.4 of 0.5 s"),
+    ],
+)
+def test_the_gap_of_a_signal_is_the_one_that_was_too_long(gaps: Any, text: str) -> None:
+    """It said 0.4 of 0.5 s, and 0.06 of 0.06 s, NOT SUFFICIENT."""
+    (flight,) = flights("a", "wil", "P")
+    runs = [
+        replace(
+            flight.result(),
+            evidence=(
+                EvidenceResult(
+                    signal="pose",
+                    vehicle="real",
+                    source="mocap",
+                    required=True,
+                    first_s=1.0,
+                    last_s=9.0,
+                    count=100,
+                    largest_gap_s=gap_s,
+                    gap_at_s=3.0,
+                    limit_s=limit_s,
+                    verdict=verdict,
+                ),
+            ),
+        )
+        for gap_s, limit_s, verdict in gaps
+    ]
+    (said,) = overview._evidence_texts(runs)
+    assert said.endswith(f"pose (mocap) {text}")
 
 
 def test_a_registration_that_was_not_measured_is_reported() -> None:

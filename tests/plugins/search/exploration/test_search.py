@@ -366,7 +366,10 @@ def test_invalid_flights_confirm_nothing_and_refute_nothing() -> None:
     assert votes_standing(votes, needed=3, due=5) == "undecided"
     assert votes_standing(votes, needed=2, due=5) == "confirmed"
     assert votes_standing(votes_of([failed, invalid]), needed=3, due=2) == "intermittent"
-    assert votes_standing(votes_of([invalid, invalid]), needed=3, due=2) == "refuted"
+    passed = FlightOutcome(verdict="PASS", value=1.0)
+    assert votes_standing(votes_of([passed, *[invalid] * 4]), needed=5, due=5) == "undecided"
+    assert votes_standing(votes_of([passed] * 3 + [invalid] * 2), needed=3, due=5) == "undecided"
+    assert votes_standing(votes_of([passed] * 5), needed=3, due=5) == "refuted"
 
 
 def test_failures_count_whatever_their_causes_and_the_most_frequent_is_the_first() -> None:

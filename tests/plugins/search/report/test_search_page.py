@@ -34,7 +34,7 @@ def page_of(
         exit_code=search_exit_code(findings, stopped=stopped, is_broken=is_broken),
         unsettled=tuple(unsettled_texts(findings)),
         files={one.variant.name: f"failures/{one.variant.name}.yaml" for one in findings.confirmed},
-        coverage=space_coverage_of(space, [one.variant.values for one in findings.tried]),
+        coverage=space_coverage_of(space, findings.proven_values),
         sensed=sensed,
     )
     return render_search(page, space, findings, made_utc="2026-11-22T20:00:00Z")
@@ -89,6 +89,22 @@ def test_the_page_is_green_for_exit_code_0_alone() -> None:
     assert "2 of 8 variants proved nothing: INVALID or ERROR" in page(0.75)
     assert green not in page(0.25)
     assert "6 of 8 variants proved nothing: INVALID or ERROR" in page(0.25)
+
+
+def test_variants_that_proved_nothing_cover_nothing() -> None:
+    """Where x is above 0.2 all is INVALID: 25 of 25 pairs of cells were covered."""
+    space = plane()
+    findings, _ = searched(
+        problem(space, budget={"sim": 64}),
+        lambda values, *_: None if number(values, "x") > 0.2 else 1.0,
+        strategy="sobol",
+    )
+    html = page_of(space, findings)
+    assert "15 of 25 admissible pairs of cells were flown (60 %)" in html
+    assert html.count('class="unexplored"') == 10
+    covered = space_coverage_of(space, findings.proven_values)
+    assert covered.farthest is not None
+    assert number(covered.farthest, "x") > 0.9
 
 
 def test_the_page_draws_a_cell_for_each_choice() -> None:

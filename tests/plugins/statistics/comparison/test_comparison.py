@@ -28,6 +28,7 @@ from wil_campaign.plugins.statistics.comparison.comparison import (
 
 Capture = pytest.CaptureFixture[str]
 TEN = tuple(n / 100 for n in range(10))
+CHANGED = (("P", "before"), ("F", "after"))
 
 
 def compared(before: list[Flight], after: list[Flight], **limits: float) -> FlightComparison:
@@ -157,6 +158,53 @@ def test_equal_runs_that_differ_are_no_chance() -> None:
     (change,) = mixed.changes
     assert (change.p, change.outcome) == (None, "undecided")
     assert change.why.startswith("the flights before are equal")
+
+
+@pytest.mark.parametrize("equal", ["before", "after"])
+def test_a_loss_that_no_test_can_decide_is_not_as_good_as_before(
+    tmp_path: Path, capsys: Capture, equal: str
+) -> None:
+    """20 of 20 and then 0 of 20 was exit code 0, and the remedy to fly more."""
+    spread = {"before": TEN * 2, "after": TEN * 2, equal: ()}
+    passed, failed = (flights("a", "sim", word * 20, spread[at]) for word, at in CHANGED)
+    old = write_flown(tmp_path / "old", passed, with_motion=False)
+    new = write_flown(tmp_path / "new", failed, with_motion=False)
+    assert main(["compare", str(old), str(new)]) == 3
+    last = capsys.readouterr().out.splitlines()[-1]
+    assert last.endswith("1 lost more than the limit and cannot be tested: equal flights")
+    assert "fly more" not in last
+    assert main(["compare", str(new), str(old)]) == 0, "a gain is no loss"
+    other = write_flown(
+        tmp_path / "other", [*failed, *flights("b", "sim", "F" * 9, TEN[:9])], with_motion=False
+    )
+    both = write_flown(
+        tmp_path / "both", [*passed, *flights("b", "sim", "P" * 9, TEN[:9])], with_motion=False
+    )
+    assert main(["compare", str(both), str(other)]) == 1, "what is worse is worse"
+
+
+def test_a_p_at_the_level_is_beyond_chance_and_one_beside_it_is_not_rounded_to_it(
+    tmp_path: Path, capsys: Capture
+) -> None:
+    def shown(was: str, now: str, confidence: str) -> tuple[int, list[str]]:
+        place = tmp_path / f"{was}{now}{confidence}"
+        old, new = (
+            write_flown(
+                place / name,
+                flights("a", "wil", verdicts, [n / 1000 for n in range(len(verdicts))]),
+                with_motion=False,
+            )
+            for name, verdicts in (("old", was), ("new", now))
+        )
+        code = main(["compare", str(old), str(new), "--confidence", confidence])
+        (row,) = (line for line in capsys.readouterr().out.splitlines() if line[:2] == "a ")
+        return code, row.split()[-2:]
+
+    # One of 20 ways, and one of 10: 1 - 0.9 is a little below 0.1.
+    assert shown("PPP", "FFF", "0.95") == (1, ["0.05", "worse"])
+    assert shown("PPP", "FF", "0.9") == (1, ["0.1", "worse"])
+    assert shown("P" * 6 + "F" * 6, "F" * 6, "0.95") == (1, ["0.0498", "worse"])
+    assert shown("P" * 17, "P" * 8 + "FFF", "0.95") == (0, ["0.0504", "undecided"])
 
 
 def test_flights_that_prove_nothing_any_more_do_not_leave_the_rest_as_good_as_before(
@@ -368,7 +416,7 @@ def test_a_repeated_flight_counts_once(tmp_path: Path, capsys: Capture) -> None:
     now = write_flown(tmp_path / "now", flights("a", "wil", "FFPPP", TEN[:5]), with_motion=False)
     command = ["compare", str(tmp_path / "results"), str(now)]
     assert main(command) == 0
-    (row,) = (line for line in capsys.readouterr().out.splitlines() if "pass rate" in line)
+    (row,) = (line for line in capsys.readouterr().out.splitlines() if line[:2] == "a ")
     assert row.split()[-5:] == ["5", "and", "5", "0.22", "undecided"]
     assert main([*command, "--margin-by", "0.001"]) == 0
     assert capsys.readouterr().out.count(" 5 and 5 ") == 2, "margins too"

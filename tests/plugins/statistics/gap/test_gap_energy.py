@@ -11,12 +11,14 @@ from tests.orchestrator.reading.flown_campaign import flights, write_flown
 from wil_campaign.plugins.statistics.gap.energy import EnergyFigure
 from wil_campaign.plugins.statistics.gap.gap import ALL_CASES, CampaignGap, measure_gap
 from wil_campaign.plugins.statistics.gap.motion import RunMotion
+from wil_campaign.plugins.statistics.pass_rates import PassRates
 from wil_campaign.plugins.statistics.study import Study
-from wil_campaign.plugins.statistics.study_tables import energy_rows
+from wil_campaign.plugins.statistics.study_tables import energy_rows, gap_rows
 from wil_campaign.worlds.jit import F64
 
 NORTH_M = np.linspace(0.0, 4.0, 41)
 SPREAD = (-0.02, -0.01, 0.0, 0.01, 0.02)
+SHIFTS = {"real": 0.0, "sim": 0.9, "wil": 0.2}
 
 
 def motion(east_m: float, seed: int) -> RunMotion:
@@ -167,3 +169,29 @@ def test_the_table_says_why_there_is_no_answer(tmp_path: Path) -> None:
     rows = energy_rows(Study.read(folder)).rows
     answers = {row[0]: row[-1] for row in rows if row[2] == "frechet"}
     assert answers == {"a": "no spread", "b": "no interval", "c": "yes", ALL_CASES: "no interval"}
+
+
+@pytest.mark.parametrize("few", ["real", "sim", "wil"])
+def test_a_mode_of_one_or_two_flights_gives_no_interval_and_shows_nothing(few: str) -> None:
+    """By one flight of a mode, half of such intervals left out the true value."""
+    rng = np.random.default_rng(5)
+    wide = {mode: [shift + x for x in rng.normal(0.0, 0.1, 20)] for mode, shift in SHIFTS.items()}
+    for count, is_known in ((1, False), (2, False), (3, True)):
+        gap = gap_of(**(wide | {few: wide[few][:count]}))
+        mean = next(figure for figure in gap.figures if figure.measure == "dtw")
+        assert (mean.nearer_interval is not None, mean.holds) == (is_known, is_known or None)
+        assert mean.basis.endswith("of a mode: no interval") is not is_known
+        assert energy_in(gap).nearer_interval is None
+        answer = "yes" if is_known else "no interval"
+        study = Study(PassRates((), (), ()), gap)
+        assert next(row[-1] for row in gap_rows(study).rows if row[2] == "dtw") == answer
+
+
+def test_an_energy_distance_of_three_seeds_has_no_interval() -> None:
+    """A quarter of such intervals left out the true value."""
+    rng = np.random.default_rng(5)
+    wide = {mode: [shift + x for x in rng.normal(0.0, 0.1, 4)] for mode, shift in SHIFTS.items()}
+    assert energy_in(gap_of(**wide)).nearer_interval is not None
+    three = energy_in(gap_of(**{mode: easts_m[:3] for mode, easts_m in wide.items()}))
+    assert (three.nearer_interval, three.holds) == (None, None)
+    assert three.nearer_by is not None

@@ -11,12 +11,18 @@ from typing import Any
 import pytest
 
 from tests.full_disk import files_no_larger_than
-from tests.orchestrator.reading.flown_campaign import flights, write_flown, write_searched
+from tests.orchestrator.reading.flown_campaign import (
+    flights,
+    write_control,
+    write_flown,
+    write_searched,
+)
 from tests.orchestrator.report.rendering.test_overview import CLEAR, FAST, judged
 from tests.orchestrator.run_results.test_flown_firmware import BOARD
 from wil_campaign.foundation.files.document_writer import to_json
 from wil_campaign.orchestrator.cli import main
 from wil_campaign.orchestrator.reading.results_folder import read_campaign_documents
+from wil_campaign.orchestrator.run_results.control_results import ControlResult
 from wil_campaign.plugins.statistics.history.records import flight_records_of
 
 Capture = pytest.CaptureFixture[str]
@@ -313,6 +319,41 @@ def test_the_history_keeps_metres_in_which_flights_are_compared(tmp_path: Path) 
     (folder / "a/wil/1/result.json").write_text(to_json(judged(CLEAR, FAST)))
     (record,) = flight_records_of(read_campaign_documents(folder))
     assert record.margin == 0.4
+
+
+def test_the_seconds_of_a_flight_that_came_near_nothing_are_no_metres(
+    tmp_path: Path, capsys: Capture
+) -> None:
+    """The median of 0.4 m and twice 9 s was 9."""
+    folder = write_flown(
+        tmp_path / "a", flights("a", "wil", "PPP", (0.0, 0.1, 0.2)), with_motion=False
+    )
+    in_time, far = ("time_limit", "s", 9.0, True), ("clearance", "m", None, True)
+    for rep, clear in ((1, CLEAR), (2, far), (3, far)):
+        result = replace(judged(clear, in_time), verdict="PASS", rep=rep, seed=100 + rep)
+        (folder / f"a/wil/{rep}/result.json").write_text(to_json(result))
+    (row,) = shown(capsys, folder)["rows"]
+    assert row["margin"] == 0.4
+    for rep in (1, 2, 3):
+        result = replace(judged(far, in_time), verdict="PASS", rep=rep, seed=100 + rep)
+        (folder / f"a/wil/{rep}/result.json").write_text(to_json(result))
+    (row,) = shown(capsys, folder)["rows"]
+    assert row["margin"] == 9.0
+
+
+@pytest.mark.parametrize("met", [True, False])
+def test_the_passes_of_a_campaign_that_cannot_fail_say_so(
+    tmp_path: Path, capsys: Capture, met: bool
+) -> None:
+    folder = flown(tmp_path, 1, "PPP")
+    blind = flights("blind", "wil", "F" if met else "P")[0].result()
+    control = ControlResult("a", "FAIL", oracle=None, cause=None, met=met)
+    write_control(folder, replace(blind, required=False, control=control))
+    page = tmp_path / "page.html"
+    assert main(["history", str(folder), "--page", str(page)]) == 0
+    said = "this campaign cannot fail: control blind in mode wil passed"
+    assert (f"gate of 2026-11-01T10:00:00Z: {said}\n" in capsys.readouterr().out) is not met
+    assert (said in page.read_text()) is not met
 
 
 def with_firmware(tmp_path: Path, day: int, version: str | None, verdicts: str = "PP") -> Path:
