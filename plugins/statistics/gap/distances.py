@@ -1,4 +1,10 @@
-"""Distances between all flights of one case by one measure; pure."""
+"""Distances between all flights of one case by one measure; pure.
+
+Repetitions of one number have one seed in all modes, and so the same gusts and the same walk:
+pairs of flights of one seed are left out of means, and intervals resample seeds. With them, modes
+that fly alike were told apart in 15 % of campaigns of one case, and in 68 % of six cases, where 5 %
+may be (400 simulated each, five flights; now 2 to 7 %).
+"""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -14,6 +20,8 @@ from wil_campaign.plugins.statistics.gap.trajectory_distances import IntArray
 from wil_campaign.worlds.jit import F64
 
 MODES = ("real", "sim", "wil")
+LEAST_SEEDS = 4
+"""Seeds of each mode for an interval: of three, a quarter of the intervals misses the truth."""
 _RESOLUTION = 1e-9
 """Smaller distances are rounding errors, and count as 0."""
 
@@ -40,6 +48,27 @@ class CaseDistances:
         real, sim, wil = (len(self.seeds[mode]) for mode in MODES)
         return real, sim, wil
 
+    @property
+    def units(self) -> IntArray:
+        """Return the seeds of the case's flights, each once: what the bootstrap resamples."""
+        return np.unique(np.concatenate([self.seeds[mode] for mode in MODES]))
+
+    def flight_weights(self, drawn: F64) -> Mapping[str, F64]:
+        """Return the weights of each mode's flights for weights (resamples, units) of the seeds."""
+        units = self.units
+        return {mode: drawn[:, np.searchsorted(units, self.seeds[mode])] for mode in MODES}
+
+    def to_reality(self, mode: str, weights: Mapping[str, F64]) -> F64 | None:
+        """Return for each row of weights the mean distance of sim or wil to reality.
+
+        Over pairs of different seeds, NaN without any. None where the mode was not flown.
+        """
+        between = self.sim if mode == "sim" else self.wil
+        if between is None:
+            return None
+        mine, theirs = (self.seeds["real"], weights["real"]), (self.seeds[mode], weights[mode])
+        return pair_mean(between, mine, theirs)
+
     def mean_within(self, mode: str) -> float | None:
         """Return the mean distance of two flights of a mode; None for fewer than two."""
         found = self.within[mode]
@@ -60,6 +89,31 @@ def case_distances(flights: Flights, case: str, measure: FlightMeasure) -> CaseD
         wil=_between(given["real"], given["wil"], measure),
         within={mode: _within(given[mode], measure) for mode in MODES},
     )
+
+
+def pair_mean(distances: F64, rows: tuple[IntArray, F64], columns: tuple[IntArray, F64]) -> F64:
+    """Return the weighted mean over pairs of different seeds; NaN without any.
+
+    rows, columns: seeds (flights,) and weights (resamples, flights) of both sides.
+    """
+    (seeds, weights), (others, more) = rows, columns
+    is_pair = (seeds[:, None] != others[None, :]).astype(np.float64)
+    total = np.sum((weights @ (distances * is_pair)) * more, axis=1)
+    count = np.sum((weights @ is_pair) * more, axis=1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        found: F64 = total / count
+    return found
+
+
+def equal_weights(one: CaseDistances) -> Mapping[str, F64]:
+    """Return the weights of the flights as they were flown."""
+    return one.flight_weights(np.ones((1, len(one.units))))
+
+
+def have_enough_seeds(parts: Sequence[CaseDistances]) -> bool:
+    """Return whether each mode of each part has the seeds that an interval needs."""
+    counts = (len(set(seeds.tolist())) for part in parts for seeds in part.seeds.values())
+    return min(counts) >= LEAST_SEEDS
 
 
 def _between(

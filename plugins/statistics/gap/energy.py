@@ -3,8 +3,7 @@
 The mean distance between flights of two modes is small where one of them has little spread, though
 its flights are not like the other's. The energy distance (Szekely and Rizzo 2013) corrects for it:
 twice the mean distance between two modes less the mean distances within both, 0 for modes that fly
-alike. Repetitions of one number have one seed in all modes, and so the same gusts and the same
-walk: pairs of flights of one seed are left out, as a flight is not compared with itself. The
+alike. Pairs of flights of one seed are left out, as a flight is not compared with itself. The
 estimate is unbiased, so it may be slightly below 0.
 """
 
@@ -17,17 +16,17 @@ from wil_campaign.campaigns.statistics.proportions import RateInterval
 from wil_campaign.plugins.statistics.gap.distances import (
     MODES,
     CaseDistances,
+    equal_weights,
+    have_enough_seeds,
     is_nearer,
     mean_of_cases,
+    pair_mean,
 )
 from wil_campaign.plugins.statistics.gap.measures import FlightMeasure, Part
-from wil_campaign.plugins.statistics.gap.trajectory_distances import IntArray
 from wil_campaign.plugins.statistics.inference.bootstrap import Statistic, bootstrap_interval
 from wil_campaign.worlds.jit import F64
 
 _SEED = 20130830
-_LEAST_SEEDS = 4
-"""Seeds of a mode: of three, a quarter of the intervals misses the truth."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,10 +61,8 @@ def energy_figure(
     nearer = interval = None
     if sim is not None and wil is not None:
         nearer = sim - wil
-        if min(len(set(seeds.tolist())) for part in parts for seeds in part.seeds.values()) >= (
-            _LEAST_SEEDS
-        ):
-            sizes = [len(_units(part)) for part in parts]
+        if have_enough_seeds(parts):
+            sizes = [len(part.units) for part in parts]
             interval = bootstrap_interval(sizes, _nearer(parts), seed=_SEED)
     return EnergyFigure(
         case=case,
@@ -86,7 +83,7 @@ def _observed(parts: Sequence[CaseDistances], mode: str) -> float | None:
     """Return the energy distance of a mode to reality, mean over the parts."""
     found = []
     for part in parts:
-        energy = _energy(part, mode, {of: np.ones((1, len(part.seeds[of]))) for of in MODES})
+        energy = _energy(part, mode, equal_weights(part))
         found.append(None if energy is None else float(energy[0]))
     return mean_of_cases(found)
 
@@ -96,44 +93,20 @@ def _energy(one: CaseDistances, mode: str, weights: Mapping[str, F64]) -> F64 | 
 
     NaN without a pair. None where the mode was not flown or did not record the measure.
     """
-    between = one.sim if mode == "sim" else one.wil
-    real, own = one.within["real"], one.within[mode]
-    if between is None or real is None or own is None:
+    apart, real, own = one.to_reality(mode, weights), one.within["real"], one.within[mode]
+    if apart is None or real is None or own is None:
         return None
     mine, theirs = (one.seeds["real"], weights["real"]), (one.seeds[mode], weights[mode])
-    apart = _pair_mean(between, mine, theirs)
-    return 2.0 * apart - _pair_mean(real, mine, mine) - _pair_mean(own, theirs, theirs)
-
-
-def _pair_mean(distances: F64, rows: tuple[IntArray, F64], columns: tuple[IntArray, F64]) -> F64:
-    """Return the weighted mean over pairs of different seeds; NaN without any.
-
-    rows, columns: seeds (flights,) and weights (resamples, flights) of both sides.
-    """
-    (seeds, weights), (others, more) = rows, columns
-    is_pair = (seeds[:, None] != others[None, :]).astype(np.float64)
-    total = np.sum((weights @ (distances * is_pair)) * more, axis=1)
-    count = np.sum((weights @ is_pair) * more, axis=1)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        found: F64 = total / count
-    return found
-
-
-def _units(one: CaseDistances) -> IntArray:
-    """Return the seeds of a case, which the bootstrap resamples."""
-    return np.unique(np.concatenate([one.seeds[mode] for mode in MODES]))
+    return 2.0 * apart - pair_mean(real, mine, mine) - pair_mean(own, theirs, theirs)
 
 
 def _nearer(parts: Sequence[CaseDistances]) -> Statistic:
     """Return by how much wil is nearer, for weights of the seeds of each part."""
-    places = [
-        {mode: np.searchsorted(_units(part), part.seeds[mode]) for mode in MODES} for part in parts
-    ]
 
     def statistic(weights: Sequence[F64]) -> F64:
         found = []
-        for part, place, drawn in zip(parts, places, weights, strict=True):
-            by_mode = {mode: drawn[:, place[mode]] for mode in MODES}
+        for part, drawn in zip(parts, weights, strict=True):
+            by_mode = part.flight_weights(drawn)
             sim, wil = _energy(part, "sim", by_mode), _energy(part, "wil", by_mode)
             if sim is None or wil is None:
                 raise ValueError("a mode without distances has no energy distance")

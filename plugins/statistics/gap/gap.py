@@ -1,8 +1,8 @@
 """The gap to reality: by how much `wil` is nearer to it than `sim` is; pure.
 
-diff(B(S), B(Sm)) < diff(B(S), B(Sv)): each diff is the mean distance over all pairs of a flight of
-reality and one of the other mode. Intervals resample flights, never pairs: a pair shares its
-flights with others.
+diff(B(S), B(Sm)) < diff(B(S), B(Sv)): each diff is the mean distance over pairs of a flight of
+reality and one of the other mode, of different seeds where there are such pairs. Intervals resample
+seeds, never pairs: a pair shares its flights with others.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -12,9 +12,12 @@ import numpy as np
 
 from wil_campaign.campaigns.statistics.proportions import RateInterval
 from wil_campaign.plugins.statistics.gap.distances import (
+    LEAST_SEEDS,
     CaseDistances,
     Flights,
     case_distances,
+    equal_weights,
+    have_enough_seeds,
     is_nearer,
     mean_of_cases,
 )
@@ -25,9 +28,7 @@ from wil_campaign.worlds.jit import F64
 
 ALL_CASES = "all cases"
 _SEED = 20210530
-_LEAST_FLIGHTS = 3
-"""Flights of each mode: of one or two, up to half of the intervals misses the true value."""
-TOO_FEW = f"fewer than {_LEAST_FLIGHTS} flights of a mode: no interval"
+TOO_FEW = f"fewer than {LEAST_SEEDS} seeds of a mode: no interval"
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,18 +97,15 @@ def measure_gap(flights: Flights, left_out: Iterable[str] = ()) -> CampaignGap:
 
 def _figure(case: str, measure: FlightMeasure, parts: Sequence[CaseDistances]) -> GapFigure:
     """Return the figure over the parts: one case, or several with equal weights."""
-    sim = mean_of_cases([None if part.sim is None else float(part.sim.mean()) for part in parts])
-    wil = mean_of_cases([None if part.wil is None else float(part.wil.mean()) for part in parts])
+    sim, wil = (_observed(parts, mode) for mode in ("sim", "wil"))
     closed = nearer = None
     closed_interval = nearer_interval = None
-    is_too_few = False
     if sim is not None and wil is not None:
         nearer = sim - wil
         closed = 100.0 * (1.0 - wil / sim) if sim > 0.0 else None
-        sizes = [size for part in parts for size in part.sizes]
-        nearer_interval = bootstrap_interval(sizes, _nearer(parts), seed=_SEED)
-        if nearer_interval is not None and min(sizes) < _LEAST_FLIGHTS:
-            nearer_interval, is_too_few = None, True
+        sizes = [len(part.units) for part in parts]
+        if have_enough_seeds(parts):
+            nearer_interval = bootstrap_interval(sizes, _nearer(parts), seed=_SEED)
         if nearer_interval is not None and closed is not None:
             closed_interval = bootstrap_interval(sizes, _closed(parts), seed=_SEED)
     return GapFigure(
@@ -123,16 +121,25 @@ def _figure(case: str, measure: FlightMeasure, parts: Sequence[CaseDistances]) -
         nearer_by=nearer,
         nearer_interval=nearer_interval,
         holds=is_nearer(nearer_interval),
-        basis=_basis(parts, nearer, nearer_interval, is_too_few=is_too_few),
+        basis=_basis(parts, nearer, nearer_interval),
     )
 
 
+def _observed(parts: Sequence[CaseDistances], mode: str) -> float | None:
+    """Return the mean distance of a mode to reality, mean over the parts."""
+    found: list[float | None] = []
+    for part in parts:
+        between = part.sim if mode == "sim" else part.wil
+        mean = part.to_reality(mode, equal_weights(part))
+        if between is None or mean is None:
+            found.append(None)
+        else:
+            found.append(float(mean[0] if np.isfinite(mean[0]) else between.mean()))
+    return mean_of_cases(found)
+
+
 def _basis(
-    parts: Sequence[CaseDistances],
-    nearer: float | None,
-    interval: RateInterval | None,
-    *,
-    is_too_few: bool,
+    parts: Sequence[CaseDistances], nearer: float | None, interval: RateInterval | None
 ) -> str:
     """Return the number of flights behind a figure, and why it has no interval."""
     real, sim, wil = (sum(part.sizes[place] for part in parts) for place in range(3))
@@ -141,29 +148,24 @@ def _basis(
         return f"{counted}; not all recorded the measure" if sim and wil else counted
     if interval is not None:
         return counted
-    if is_too_few:
-        return f"{counted}; {TOO_FEW}"
     single = all(size == 1 for part in parts for size in part.sizes)
+    if not single and not have_enough_seeds(parts):
+        return f"{counted}; {TOO_FEW}"
     why = "one flight of each mode" if single else "equal flights: deterministic, no spread"
     return f"{counted}; {why}"
 
 
 def _means(parts: Sequence[CaseDistances], weights: Sequence[F64]) -> tuple[F64, F64]:
-    """Return for each resample the mean distances from reality to sim and to wil."""
-    sims, wils = [], []
-    for index, part in enumerate(parts):
-        real, sim, wil = weights[3 * index : 3 * index + 3]
-        sims.append(_weighted_mean(real, part.sim, sim))
-        wils.append(_weighted_mean(real, part.wil, wil))
-    return np.mean(sims, axis=0), np.mean(wils, axis=0)
-
-
-def _weighted_mean(real: F64, distances: F64 | None, other: F64) -> F64:
-    """Return the mean of distances (real, other) for each row of weights of both."""
-    if distances is None:
-        raise ValueError("a mode without distances has no mean")
-    found: F64 = np.sum((real @ distances) * other, axis=1)
-    return found
+    """Return for each resample of seeds the mean distances from reality to sim and to wil."""
+    means: dict[str, list[F64]] = {"sim": [], "wil": []}
+    for part, drawn in zip(parts, weights, strict=True):
+        by_mode = part.flight_weights(drawn)
+        for mode, found in means.items():
+            mean = part.to_reality(mode, by_mode)
+            if mean is None:
+                raise ValueError("a mode without distances has no mean")
+            found.append(mean)
+    return np.mean(means["sim"], axis=0), np.mean(means["wil"], axis=0)
 
 
 def _nearer(parts: Sequence[CaseDistances]) -> Statistic:
