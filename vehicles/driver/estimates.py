@@ -22,7 +22,7 @@ from wil_campaign.worlds.geodesy import Geodetic, LocalFrame
 _MAX_ATTITUDES = 16
 _MOST_LATITUDE = 900_000_000
 """1e-7 degrees; INT32_MAX, MAVLink's word for unknown, is more."""
-_TOLD_S = 1.0
+_REPORT_EVERY_S = 1.0
 _REBOOT_S = 1.0
 """A time stamp that goes back by less was reordered or doubled; by more, the clock restarted."""
 
@@ -133,7 +133,7 @@ class Estimates:
         """The vehicle's height above mean sea level by its own estimate."""
         self.on_unusable: Callable[[str, float], None] | None = None
         """Called with why a message that came at this time is not used, once a second."""
-        self._told_s = -math.inf
+        self._reported_s = -math.inf
         session.on_payload(mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED, self._position)
         session.on_payload(mavlink.MAVLINK_MSG_ID_ATTITUDE_QUATERNION, self._quaternion)
         session.on(mavlink.MAVLINK_MSG_ID_ATTITUDE, self._angles)
@@ -188,7 +188,7 @@ class Estimates:
     def _position(self, payload: bytes, t_s: float) -> None:
         boot_ms, x, y, z, vx, vy, vz = _unpack(_POSITION, payload)
         if not math.isfinite(x + y + z + vx + vy + vz):
-            self._tell("its LOCAL_POSITION_NED is not a number", t_s)
+            self._report_unusable("its LOCAL_POSITION_NED is not a number", t_s)
             return
         for estimate in self._pairing.position(boot_ms * 1e-3, (x, y, z), (vx, vy, vz)):
             self._receive(estimate, t_s)
@@ -203,7 +203,7 @@ class Estimates:
 
     def _angles(self, message: Any, t_s: float) -> None:
         if not math.isfinite(message.roll + message.pitch + message.yaw):
-            self._tell("its ATTITUDE is not a number", t_s)
+            self._report_unusable("its ATTITUDE is not a number", t_s)
             return
         q_wxyz = quat_from_euler(message.roll, message.pitch, message.yaw)
         self._attitude(message.time_boot_ms * 1e-3, q_wxyz, t_s)
@@ -214,16 +214,16 @@ class Estimates:
         w, x, y, z = q_wxyz
         length = math.sqrt(w * w + x * x + y * y + z * z)
         if not 0.9 < length < 1.1:
-            self._tell("its ATTITUDE_QUATERNION is no rotation", t_s)
+            self._report_unusable("its ATTITUDE_QUATERNION is no rotation", t_s)
             return
         unit = (w / length, x / length, y / length, z / length)
         estimate = self._pairing.attitude(boot_s, unit)
         if estimate is not None:
             self._receive(estimate, t_s)
 
-    def _tell(self, why: str, t_s: float) -> None:
-        if self.on_unusable is not None and t_s - self._told_s >= _TOLD_S:
-            self._told_s = t_s
+    def _report_unusable(self, why: str, t_s: float) -> None:
+        if self.on_unusable is not None and t_s - self._reported_s >= _REPORT_EVERY_S:
+            self._reported_s = t_s
             self.on_unusable(why, t_s)
 
     def _receive(self, estimate: LocalEstimate, arrived_s: float) -> None:

@@ -68,7 +68,7 @@ from wil_campaign.worlds.frames import Vec3
 _READ = frozenset({HEARTBEAT, EXTENDED_SYS_STATE, LOCAL_POSITION_NED})
 _STILL_S = 0.2
 """Of several ticks: a guard that was late by so much says so, for it may be what was silent."""
-_HEARD_S = 1.5
+_RECEIVED_S = 1.5
 """A vehicle that sends a HEARTBEAT each second is heard at least as often."""
 _MOST_DROPPED = 200
 """Kinds of frames that were not forwarded: a sender that makes names up fills no disk."""
@@ -365,9 +365,9 @@ class GuardCore:
         seen, lost_s = supervised.seen, self.settings.vehicle_lost_s
         if seen.placed_s is None or t_s - seen.placed_s <= lost_s or supervised.fence is None:
             return ()
-        is_heard = t_s - (seen.last_received_s or 0.0) <= _HEARD_S
+        is_received = t_s - (seen.last_received_s or 0.0) <= _RECEIVED_S
         flies = bool(seen.may_be_armed(t_s)) and not seen.on_ground
-        if not is_heard or not flies or supervised.contingency.started:
+        if not is_received or not flies or supervised.contingency.started:
             return ()
         text = f"no position of {supervised.name} for {lost_s:g} s: its fence cannot be held"
         return tuple(self._latch("lost", supervised.name, text, t_s))
