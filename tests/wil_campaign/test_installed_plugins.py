@@ -28,6 +28,7 @@ from wil_campaign.installed_plugins import (
 )
 from wil_campaign.orchestrator.cli import main
 from wil_campaign.orchestrator.report.campaign_report import write_report
+from wil_campaign.plugins.doctor.installed import plugin_findings
 from wil_campaign.recipes.model.registry import registered_steps
 from wil_campaign.safety.guard.process.guard_config import GuardConfig
 from wil_campaign.safety.oracles.registry import oracle_kinds
@@ -772,10 +773,21 @@ def test_a_part_that_cannot_be_used_is_named_once(
             THIRD,
             "autopilots() fails: ValueError: 'third' has no emulation; mend it, or ",
         ),
+        ("raise SystemExit(0)", "cannot be used: SystemExit: 0; mend it, or "),
+        (
+            SONAR.replace("return (Command", "return exit() or (Command"),
+            "commands() fails: SystemExit: None; mend it, or ",
+        ),
+        (
+            SONAR.replace(
+                'return (Command("ping", "wil_sonar:ping", "Send a ping."),', "return (7,"
+            ),
+            "commands() fails: TypeError: it gives int, not Command; mend it, or ",
+        ),
     ],
     ids=[
         *("import", "hook", "fails", "core's", "plugin's", "key", "plugin's key"),
-        *("autonomy's key", "autopilot"),
+        *("autonomy's key", "autopilot", "exits", "hook exits", "other kind"),
     ],
 )
 def test_a_plugin_that_cannot_be_used_is_named(
@@ -786,6 +798,45 @@ def test_a_plugin_that_cannot_be_used_is_named(
     shown = capsys.readouterr().err
     assert shown.startswith(f"plugin sonar (wil-sonar 1.2): {said}")
     assert shown.splitlines()[1:] in ([], ["1 problem in 1 file"])
+
+
+def test_a_plugin_with_the_name_of_another_one_is_named_in_a_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """It was followed by the list of all plugins, 9 kB."""
+    put_distribution(tmp_path, "lidar", "wil_sonar", {"wil_sonar.py": SONAR})
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.delitem(sys.modules, "wil_sonar", raising=False)
+    forget_plugins()
+    try:
+        assert main(["list", "plugins"]) == 2
+    finally:
+        forget_plugins()
+    said = "plugin lidar (wil-lidar 1.2): its name is there already, of "
+    said += "wil_campaign.plugins.lidar.plugin; mend it, or uninstall it\n"
+    assert capsys.readouterr().err == said
+
+
+@pytest.mark.parametrize(
+    ("change", "listed"), [(('"calm"', '"collision"'), 2), (('"wil_sonar:calm"', '"gone:calm"'), 0)]
+)
+def test_doctor_finds_a_plugin_that_no_campaign_flies_with(
+    install: Install, capsys: pytest.CaptureFixture[str], change: tuple[str, str], listed: int
+) -> None:
+    """Of both, doctor said nothing, and of a name that is there `list plugins` neither."""
+    install(ONE_FILE.replace(*change))
+    assert main(["list", "plugins"]) == listed
+    capsys.readouterr()
+    (found,) = plugin_findings()
+    assert found.grade == "trouble"
+    assert found.text.startswith("plugin sonar (wil-sonar 1.2): oracles(): ")
+
+
+def test_doctor_names_the_plugins_of_others(install: Install) -> None:
+    assert list(plugin_findings()) == []
+    install(ONE_FILE)
+    (found,) = plugin_findings()
+    assert (found.grade, found.text) == ("good", "plugins of others: sonar (wil-sonar 1.2)")
 
 
 def test_an_unfinished_class_of_a_plugin_is_named(
