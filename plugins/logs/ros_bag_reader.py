@@ -18,6 +18,7 @@ _ODOMETRY, _POSE, _POSE_COV = (
 _FIX, _PX4 = "sensor_msgs/msg/NavSatFix", "px4_msgs/msg/VehicleLocalPosition"
 _ORDER = (_PX4, _ODOMETRY, _POSE_COV, _POSE)
 """The first of these that a bag has is its track."""
+_LEAST_NORM = 1e-3
 
 
 def read_ros_bag(path: Path) -> LoggedFlight:
@@ -86,7 +87,9 @@ def _receive_pose(track: TrackBuilder, t_s: float, pose: Any) -> None:
     """Take a pose in ROS's frames: east, north, up; yaw counterclockwise from east."""
     place, q = pose.position, pose.orientation
     track.local(t_s, place.y, place.x, -place.z)
-    yaw = math.atan2(2.0 * (q.w * q.z + q.x * q.y), 1.0 - 2.0 * (q.y * q.y + q.z * q.z))
+    if math.hypot(q.w, q.x, q.y, q.z) < _LEAST_NORM:
+        return  # all zeros: nobody set it
+    yaw = math.atan2(2.0 * (q.w * q.z + q.x * q.y), q.w * q.w + q.x * q.x - q.y * q.y - q.z * q.z)
     track.yaw(t_s, math.pi / 2.0 - yaw)
 
 

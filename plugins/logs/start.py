@@ -95,7 +95,7 @@ def _campaign(
     flight: LoggedFlight, course: FlightCourse | None, *, name: str, log: Path, profile: bool
 ) -> str:
     autopilot, own = flight.autopilot or "px4", _PROFILE if profile else "nominal"
-    yaw = 0.0 if course is None or course.yaw_rad is None else math.degrees(course.yaw_rad)
+    yaw = None if course is None or course.yaw_rad is None else math.degrees(course.yaw_rad)
     lines = [
         "# yaml-language-server: $schema=schemas/campaign.schema.json",
         "# The flight of a log, again.  wil-campaign run campaign.yaml",
@@ -143,16 +143,19 @@ def _facts(flight: LoggedFlight, course: FlightCourse | None, log: Path) -> Iter
         yield f"# flown: {course.duration_s:.1f} s" + (
             f"; the longest of {course.flights} flights" if course.flights > 1 else ""
         )
-    for problem in flight.problems:
+    for problem in (*flight.problems, *(() if course is None else course.problems)):
         yield f"# {printable_problem(problem)}"
 
 
-def _vehicle(flight: LoggedFlight, autopilot: str, profile: str, yaw_deg: float) -> Iterator[str]:
+def _vehicle(
+    flight: LoggedFlight, autopilot: str, profile: str, yaw_deg: float | None
+) -> Iterator[str]:
     yield f"    autopilot: {autopilot}"
     yield f"    profile: {profile}"
     if profile == _PROFILE:
         yield "    body: {width_m: 0.3, height_m: 0.1}  # propellers included, feet to top"
-    yield f"    start: {{north_m: 0, east_m: 0, up_m: 0, yaw_deg: {yaw_deg:.1f}}}"
+    told = "" if yaw_deg is not None else "  # its heading is unknown"
+    yield f"    start: {{north_m: 0, east_m: 0, up_m: 0, yaw_deg: {yaw_deg or 0.0:.1f}}}{told}"
     yield "    pose_source: mavlink"
     moving = dict(_moving_parameters(flight, autopilot))
     if moving:
