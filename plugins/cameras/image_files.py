@@ -5,14 +5,13 @@ from pathlib import Path
 from typing import Any
 
 import av
-import cv2
 
-from wil_campaign.foundation.files.images import ImageError, check_image_size, read_image
+from wil_campaign.foundation.files.images import ImageError, check_image_size, read_image_bytes
 from wil_campaign.foundation.files.lfs import LFS_POINTER, is_lfs_file
 from wil_campaign.foundation.files.limits import MAX_IMAGE_PIXELS
 from wil_campaign.foundation.files.paths import is_file
 from wil_campaign.plugins.cameras.av_input import opening_error
-from wil_campaign.plugins.cameras.frame_stamps import checked_frame
+from wil_campaign.plugins.cameras.camera_images import decode_camera_image
 from wil_campaign.plugins.cameras.recorded_camera import RecordedImage
 from wil_campaign.vehicles.sources.camera_source import IMAGE_SUFFIXES, SourceError
 
@@ -155,12 +154,12 @@ class ImageFolder:
         path, offset_s = self._images[self._index], self._index / self._rate_hz
         self._index += 1
         try:
-            image_bgr = read_image(path, cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
+            image_bgr = decode_camera_image(str(path), read_image_bytes(path))
         except (ImageError, OSError) as error:
             raise SourceError(
                 f"{path}: cannot be read as an image; remove it from the folder: {error}"
             ) from error
-        return RecordedImage(offset_s, checked_frame(str(path), image_bgr))
+        return RecordedImage(offset_s, image_bgr)
 
     def close(self) -> None:
         """Forget the list of image files."""

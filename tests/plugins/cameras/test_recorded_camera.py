@@ -16,12 +16,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from mcap.writer import IndexType, Writer
+from PIL import Image
 
 from wil_campaign.foundation.clocks.virtual_loop import run_virtual
 from wil_campaign.plugins.cameras.compressed_image import CompressedImage, decoder_for
 from wil_campaign.plugins.cameras.image_files import ImageFolder, VideoFile
 from wil_campaign.plugins.cameras.mcap_images import McapFile
 from wil_campaign.plugins.cameras.recorded_camera import ImageFile, RecordedCamera
+from wil_campaign.plugins.offline.errors import OfflineError
+from wil_campaign.plugins.offline.image_inputs import InputFileOptics, read_image_reading
 from wil_campaign.plugins.readings.messagepack import BadMessageError
 from wil_campaign.vehicles.readings import CameraReading
 from wil_campaign.vehicles.sources.camera_source import CameraSource, ImageChangedError, SourceError
@@ -130,6 +133,38 @@ def test_a_file_that_cannot_be_played_is_refused_in_words(tmp_path: Path) -> Non
     refused(ImageFolder(path=broken, rate_hz=1), "2.png: cannot be read as an image")
     with pytest.raises(SourceError, match="rate is 0"):
         ImageFolder(path=tmp_path, rate_hz=0)
+
+
+@pytest.mark.parametrize("kind", [".jpg", ".png", ".webp", ".tif"])
+def test_a_picture_that_is_marked_as_rotated_is_refused_as_a_video_is(
+    tmp_path: Path, kind: str
+) -> None:
+    """It was played lying on its side, or upside down."""
+    path = folder(tmp_path / "images", ["1.png"])
+    marked = Image.Exif()
+    for orientation in (1, 6):
+        marked[0x0112] = orientation
+        with Image.open(path / "1.png") as image:
+            image.save(path / f"{orientation}0{kind}", exif=marked)
+    refused(
+        ImageFolder(path=path, rate_hz=5),
+        rf"60{kind}: cannot be .*\(EXIF orientation 6\), .*mogrify",
+    )
+    (path / f"60{kind}").unlink()
+    assert len(played(ImageFolder(path=path, rate_hz=5))) == 2
+
+
+@pytest.mark.parametrize("kind", [".png", ".tif"])
+@pytest.mark.parametrize("channels", [1, 3])
+def test_a_picture_of_16_bits_is_refused(tmp_path: Path, kind: str, channels: int) -> None:
+    """The white of a sensor of 12 bits was 15 of 255."""
+    path = tmp_path / "images"
+    path.mkdir()
+    shape = (24, 32, 3)[: 2 + (channels == 3)]
+    cv2.imwrite(str(path / f"1{kind}"), np.full(shape, 4095, np.uint16))
+    refused(ImageFolder(path=path, rate_hz=5), "it has 16 bits a channel, .*scale it to 8 bits")
+    with pytest.raises(OfflineError, match="it has 16 bits a channel"):
+        read_image_reading(path / f"1{kind}", "real", InputFileOptics(69.0))
 
 
 def test_a_picture_of_another_size_ends_it(tmp_path: Path) -> None:
