@@ -12,6 +12,7 @@ from pathlib import Path
 from statistics import median
 
 from wil_campaign.foundation.files.problems import BadInput, Problem, printable_problem
+from wil_campaign.foundation.files.yaml_nodes import yaml_of_word
 from wil_campaign.plugins.logs.course import FlightCourse, course_of_flight
 from wil_campaign.plugins.logs.log_reader import read_log
 from wil_campaign.plugins.logs.logged_flight import FlightLogError, LoggedFlight
@@ -101,7 +102,7 @@ def _campaign(
         "# The flight of a log, again.  wil-campaign run campaign.yaml",
         *_facts(flight, course, log),
         "schema: wil/campaign/1",
-        f"campaign: {name}",
+        f"campaign: {yaml_of_word(name)}",
         f"description: Fly the course of {_quoted_in(printable_problem(log.name))}",
         "",
         "vehicles:",
