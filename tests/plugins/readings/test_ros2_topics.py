@@ -121,6 +121,16 @@ def test_a_stamp_of_0_loses_no_reading(
     )
 
 
+def test_a_sender_whose_clock_was_set_is_named(tmp_path: Path) -> None:
+    """No later reading was due in the flight: 'no rangefinder reading for 1 s'."""
+    schema = "sensor_msgs/msg/Range"
+    told = [("/it", schema, AT_S + t_s, distance(2.0)) for t_s in (0.0, 0.02, 3600.0, 3600.02)]
+    logged_s = [AT_S + 0.01 + 0.02 * k for k in range(4)]
+    bag = write_bag(tmp_path / "bag.mcap", told, logged_s=logged_s)
+    with pytest.raises(SourceError, match=r"3599.98 s after .* clock was set; cut the recording"):
+        read(bag, "rangefinder")
+
+
 @pytest.mark.parametrize(
     ("said", "meant"), [(2.5, 2.5), (9.0, math.inf), (math.inf, math.inf), (-math.inf, 0.25)]
 )
