@@ -233,6 +233,14 @@ def test_a_full_disk_and_a_foreign_folder(tmp_path: Path, monkeypatch: pytest.Mo
     assert "is not writable" in only(machine.disk_finding(tmp_path)).text
 
 
+@pytest.mark.parametrize("below", ["", "deep/er"])
+def test_results_where_a_file_is_are_trouble(tmp_path: Path, below: str) -> None:
+    """It was good, by the space in the folder of that file; `run` refused it."""
+    (tmp_path / "file").write_text("")
+    found = only(machine.disk_finding(tmp_path / "file" / below))
+    assert (found.grade, found.text) == ("trouble", f"{tmp_path / 'file'} is no folder")
+
+
 def test_links_of_campaigns_are_tried(tmp_path: Path) -> None:
     shipped = ROOT / "campaigns" / "gate.yaml"
     assert only(links.campaign_link_findings([shipped])).text.endswith("its vehicles are embedded")
