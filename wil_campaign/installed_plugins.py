@@ -7,7 +7,7 @@ theirs in the group `wil_campaign` of their entry points. Both are registered wi
 import importlib
 import sys
 from collections.abc import Callable, Container, Iterator, Mapping, Sequence
-from contextlib import suppress
+from contextlib import redirect_stdout, suppress
 from dataclasses import dataclass
 from functools import cache
 from importlib.util import find_spec
@@ -314,7 +314,9 @@ def _register_others(manager: pluggy.PluginManager) -> dict[str, str]:
             message = f"its name is there already, of {getattr(other, '__name__', other)}"
             raise _fault(point.name, origin, message)
         try:
-            manager.register(point.load(), point.name)
+            with redirect_stdout(sys.stderr):  # what a command prints may be a document
+                plugin = point.load()
+            manager.register(plugin, point.name)
             manager.check_pending()
         except (Exception, SystemExit) as error:
             raise _fault(point.name, origin, f"cannot be used: {_words(error)}") from error

@@ -279,6 +279,16 @@ def test_a_plugin_of_another_distribution_is_listed_and_its_command_runs(
     assert "ping ping" in capsys.readouterr().out
 
 
+def test_what_a_plugin_prints_at_its_import_is_in_no_document(
+    install: Install, capsys: pytest.CaptureFixture[str]
+) -> None:
+    install(f"{SONAR}\nprint('sonar 1.2')\n")
+    assert main(["list", "plugins", "--json"]) == 0
+    said = capsys.readouterr()
+    assert "sonar" in {row["name"] for row in json.loads(said.out)}
+    assert said.err == "sonar 1.2\n"
+
+
 def test_runs_fly_by_an_engine_of_another_distribution(
     install: Install, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
