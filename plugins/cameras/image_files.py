@@ -1,6 +1,7 @@
 """Recorded images: a video file, or a folder of image files."""
 
 import re
+from decimal import Decimal
 from pathlib import Path
 from typing import Any
 
@@ -119,7 +120,8 @@ def _stated_end_s(written: str) -> float:
 class ImageFolder:
     """The image files of a folder in the order of their names, at a rate; an ImageFile.
 
-    Numbers in names count as numbers: `9.png` comes before `10.png`.
+    Numbers in names count as numbers: `9.png` comes before `10.png`, and of seconds since 1970
+    (ten digits) `1700000000.25.png` before `1700000000.5.png`.
     """
 
     def __init__(self, *, path: Path, rate_hz: float) -> None:
@@ -166,7 +168,9 @@ class ImageFolder:
         self._images = []
 
 
-def _natural_key(name: str) -> tuple[tuple[int, int, str], ...]:
+def _natural_key(name: str) -> tuple[tuple[int, Decimal, str], ...]:
     """Return the sort key of an image file's name: numbers by value."""
-    parts = re.findall(r"\d+|\D+", name)
-    return tuple((0, int(part), part) if part.isdigit() else (1, 0, part) for part in parts)
+    parts = re.findall(r"(?<!\d)\d{10}\.\d+|\d+|\D+", name)
+    return tuple(
+        (0, Decimal(part), part) if part[0].isdecimal() else (1, Decimal(0), part) for part in parts
+    )

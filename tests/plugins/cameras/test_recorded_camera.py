@@ -96,6 +96,13 @@ def test_a_folder_plays_in_the_order_of_its_numbers(tmp_path: Path) -> None:
     assert [r.t_s for r in readings] == pytest.approx([0.0, 0.05, 0.1])
 
 
+def test_a_folder_whose_names_are_times_plays_in_their_order(tmp_path: Path) -> None:
+    """`str(time.time())` has as few digits as it can: .5 was before .25."""
+    names = ["1700000000.5.png", "1700000000.25.png", "1700000001.0.png", "1700000000.125.png"]
+    readings = played(ImageFolder(path=folder(tmp_path / "images", names), rate_hz=20.0))
+    assert levels(readings) == [4, 2, 1, 3]
+
+
 def test_a_reader_that_is_slow_misses_images_as_with_a_camera(tmp_path: Path) -> None:
     path = folder(tmp_path / "images", [f"{k}.png" for k in range(10)])
 
