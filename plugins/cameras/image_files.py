@@ -1,6 +1,7 @@
 """Recorded images: a video file, or a folder of image files."""
 
 import re
+from collections.abc import Callable, Mapping
 from decimal import Decimal
 from pathlib import Path
 from typing import Any
@@ -16,6 +17,12 @@ from wil_campaign.plugins.cameras.camera_images import decode_camera_image
 from wil_campaign.plugins.cameras.recorded_camera import RecordedImage
 from wil_campaign.vehicles.sources.camera_source import IMAGE_SUFFIXES, SourceError
 
+_LENGTHS: Mapping[str, Callable[[Any], int | None]] = {
+    "avi": lambda stream: stream.frames,  # of one tick each; FFmpeg shortens its duration
+    "mov,mp4,m4a,3gp,3g2,mj2": lambda stream: stream.duration,
+}
+"""What a format's header states of a stream's length, in its ticks; of others it is a guess."""
+
 
 class VideoFile:
     """The images of a video file, by their own time stamps; an ImageFile."""
@@ -26,6 +33,7 @@ class VideoFile:
         self._frames: Any = None
         self._first_s: float | None = None
         self._last_s = self._longest_s = self._stated_s = 0.0
+        self._images = self._stated_images = 0
 
     @property
     def name(self) -> str:
@@ -52,6 +60,10 @@ class VideoFile:
         self._check_size(stream.codec_context.width, stream.codec_context.height)
         stream.codec_context.options = {"max_pixels": str(MAX_IMAGE_PIXELS)}
         self._stated_s = _stated_end_s(stream.metadata.get("DURATION", ""))
+        ticks = _LENGTHS.get(self._container.format.name, lambda _: 0)(stream) or 0
+        if ticks:
+            self._stated_s = float(((stream.start_time or 0) + ticks) * stream.time_base)
+            self._stated_images = stream.frames
         self._frames = self._container.decode(stream)
 
     def next(self) -> RecordedImage | None:
@@ -68,6 +80,7 @@ class VideoFile:
             self._first_s = self._last_s = frame.time
         self._longest_s = max(self._longest_s, frame.time - self._last_s)
         self._last_s = frame.time
+        self._images += 1
         return RecordedImage(frame.time - self._first_s, frame.to_ndarray(format="bgr24"))
 
     def close(self) -> None:
@@ -76,10 +89,14 @@ class VideoFile:
             self._container.close()
 
     def _check_end(self) -> None:
-        """Raise SourceError where images are missing at the end: FFmpeg tells of Matroska nothing.
+        """Raise SourceError where images are missing at the end.
 
-        The last image may be shown as long as any other one, and once more for rounding.
+        FFmpeg tells of Matroska nothing, nor where each image is coded alone (MJPEG). The last
+        image may be shown as long as any other one, and once more for rounding; longer where none
+        is missing by their number.
         """
+        if self._images >= self._stated_images > 0:
+            return
         if self._longest_s and self._last_s + 2.0 * self._longest_s < self._stated_s:
             raise SourceError(
                 f"{self.name}: the file is cut off: its last image is at {self._last_s:.3f} s, and "

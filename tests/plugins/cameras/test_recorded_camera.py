@@ -190,6 +190,40 @@ def test_a_video_cut_short_ends_or_says_so(tmp_path: Path) -> None:
     refused(VideoFile(path=path), "is cut off: its last image is at")
 
 
+def mjpeg(path: Path, times_s: list[float]) -> Path:
+    noise = np.random.default_rng(1)
+    with av.open(str(path), "w", options={"movflags": "faststart"}) as container:
+        stream: Any = container.add_stream("mjpeg", rate=10)
+        stream.width, stream.height, stream.pix_fmt = 64, 48, "yuvj420p"
+        for t_s in times_s:
+            image = noise.integers(0, 256, (48, 64, 3), np.uint8)
+            frame = av.VideoFrame.from_ndarray(image, format="bgr24")
+            frame.pts, frame.time_base = round(t_s * 10), Fraction(1, 10)
+            container.mux(stream.encode(frame))
+        container.mux(stream.encode())
+    return path
+
+
+@pytest.mark.parametrize("name", ["v.avi", "v.mov"])
+def test_a_video_of_single_images_that_was_cut_short_says_so(tmp_path: Path, name: str) -> None:
+    """Half of it was played as all of it."""
+    path = mjpeg(tmp_path / name, [k / 10 for k in range(40)])
+    assert len(played(VideoFile(path=path))) == 40
+    with av.open(str(path)) as container:
+        ends = [packet.pos + packet.size for packet in container.demux(video=0) if packet.pos]
+    path.write_bytes(path.read_bytes()[: ends[29]])
+    refused(VideoFile(path=path), "is cut off: its last image is at 2.900 s, and it states 4.000 s")
+
+
+def test_a_video_whose_last_image_is_shown_for_long_is_whole(tmp_path: Path) -> None:
+    path = mjpeg(tmp_path / "v.mov", [0.0, 0.1, 0.2])
+    whole = VideoFile(path=path)
+    whole.open()
+    whole._stated_s = 60.0
+    assert [whole.next() is not None for _ in range(4)] == [True, True, True, False]
+    whole.close()
+
+
 def test_closing_waits_for_the_reading_thread(tmp_path: Path) -> None:
     path = video(tmp_path / "v.mp4", [k / 100 for k in range(50)])
 
