@@ -29,17 +29,22 @@ _LEAST_SAMPLES = 5
 
 @dataclass(frozen=True, slots=True)
 class BatteryKeys:
-    """The keys of a profile's `battery` that a log tells, with their values."""
+    """The keys of a profile's `battery` that a log tells, with their values.
+
+    guessed: how many cells there are, by the greatest voltage alone; 0 where a parameter tells.
+    """
 
     values: Mapping[str, float]
+    guessed: int = 0
 
 
 def battery_of_flight(flight: LoggedFlight, course: FlightCourse | None) -> BatteryKeys | None:
     """Return what a log tells of the battery; None where that is nothing."""
     found: dict[str, float] = {}
-    cells = _first(flight, _CELLS)
+    cells, guessed = _first(flight, _CELLS), 0
     if not cells and flight.power:
-        cells = float(round(max(power_sample.voltage_v for power_sample in flight.power) / 4.1))
+        guessed = round(max(power_sample.voltage_v for power_sample in flight.power) / 4.1)
+        cells = float(guessed)
     if cells:
         found["full_v"] = round(cells * _FULL_V, 2)
         found["empty_v"] = round(cells * _EMPTY_V, 2)
@@ -55,7 +60,7 @@ def battery_of_flight(flight: LoggedFlight, course: FlightCourse | None) -> Batt
         ]
         if len(amperes) >= _LEAST_SAMPLES and median(amperes) > 0.5:
             found["hover_current_a"] = round(median(amperes), 2)
-    return BatteryKeys(found) if found else None
+    return BatteryKeys(found, guessed) if found else None
 
 
 def _first(flight: LoggedFlight, names: tuple[str, ...]) -> float:
@@ -271,6 +276,8 @@ def _profile(battery: BatteryKeys | None, log: Path) -> str:
     for key, value in known.items():
         text = re.sub(rf"(?m)^(  {key}: )\S+", rf"\g<1>{value}", text)
     stated = f"battery {', '.join(known)}" if known else "nothing of the battery"
+    if battery is not None and battery.guessed:
+        stated += f"; its {battery.guessed} cells are a guess, by the greatest voltage"
     return f"# From {name}: {stated}. The rest is not in a log.\n{text}"
 
 

@@ -178,6 +178,8 @@ def test_a_campaign_of_a_log_validates(tmp_path: Path, capsys: Capture) -> None:
     ]
     profile = yaml.safe_load((place / "profile.yaml").read_text())
     assert profile["battery"]["full_v"] == 16.8
+    said = (place / "profile.yaml").read_text().splitlines()[0]
+    assert "; its 4 cells are a guess, by the greatest voltage. The rest" in said
     assert profile["battery"]["hover_current_a"] == 15.0
     assert profile["airframe"]["mass_kg"] == 0.5, "a log does not tell it"
 
