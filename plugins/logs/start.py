@@ -160,8 +160,8 @@ def _vehicle(
     yield f"    profile: {profile}"
     if profile == _PROFILE:
         yield "    body: {width_m: 0.3, height_m: 0.1}  # propellers included, feet to top"
-    told = "" if yaw_deg is not None else "  # its heading is unknown"
-    yield f"    start: {{north_m: 0, east_m: 0, up_m: 0, yaw_deg: {yaw_deg or 0.0:.1f}}}{told}"
+    remark = "" if yaw_deg is not None else "  # its heading is unknown"
+    yield f"    start: {{north_m: 0, east_m: 0, up_m: 0, yaw_deg: {yaw_deg or 0.0:.1f}}}{remark}"
     yield "    pose_source: mavlink"
     moving = dict(_moving_parameters(flight, autopilot))
     if moving:

@@ -267,8 +267,8 @@ class _Reader:
     def _refuse_children(self, element: XmlElement) -> None:
         """Note elements in an XML element that has parameters as attributes alone."""
         for child in element.children:
-            told = f'{child.tag}="{child.text:.40}"'
-            self._note(child.place, f"<{child.tag}> in <{element.tag}>: write it as {told}")
+            attribute = f'{child.tag}="{child.text:.40}"'
+            self._note(child.place, f"<{child.tag}> in <{element.tag}>: write it as {attribute}")
 
     def _id(self, element: XmlElement) -> str:
         """Return the id of an XML element; a missing one is noted."""

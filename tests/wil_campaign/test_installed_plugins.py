@@ -810,6 +810,24 @@ def test_a_plugin_that_cannot_be_used_is_named(
     assert shown.splitlines()[1:] in ([], ["1 problem in 1 file"])
 
 
+@pytest.mark.parametrize("command", ["abort", "hold", "resume"])
+def test_vehicles_are_landed_whatever_a_plugin_is(
+    install: Install, tmp_path: Path, capsys: pytest.CaptureFixture[str], command: str
+) -> None:
+    """`abort` was refused, with 2, once a plugin that cannot be imported was installed."""
+    nothing_flies = tmp_path / "nothing-flies"
+    words = [command, str(nothing_flies)]
+    code = main(words)
+    said = capsys.readouterr()
+    assert str(nothing_flies) in said.err + said.out
+    install("raise RuntimeError('boom')")
+    assert main(words) == code
+    now = capsys.readouterr()
+    assert now.out == said.out
+    why = "plugin sonar (wil-sonar 1.2): cannot be used: RuntimeError: boom; mend it, or uninstall"
+    assert now.err == f"{why} it\n{said.err}"
+
+
 def test_a_plugin_with_the_name_of_another_one_is_named_in_a_line(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
