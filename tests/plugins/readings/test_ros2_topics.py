@@ -299,6 +299,20 @@ def test_points_are_forward_right_down(tmp_path: Path, order: str) -> None:
     assert found.points_frd_m.dtype == np.float32
 
 
+@pytest.mark.parametrize("frame", ["camera_depth_optical_frame", "front_optical"])
+def test_an_optical_frame_is_right_down_forward(tmp_path: Path, frame: str) -> None:
+    """What was 2 m in front of a depth camera was 2 m above it."""
+    stamp = {"sec": int(AT_S), "nanosec": round(AT_S % 1.0 * 1e9)}
+    header = {"header": {"stamp": stamp, "frame_id": frame}}
+    points = {**cloud((0.25, 0.5, 2.0)), **header}
+    found = one_of(tmp_path, "lidar_points", "sensor_msgs/msg/PointCloud2", points)
+    assert found.points_frd_m.tolist() == [[2.0, 0.25, 0.5]]
+    at_rest = imu(linear_acceleration=vector(0.25, -9.81, 0.5), angular_velocity=vector(1, 2, 3))
+    felt = one_of(tmp_path, "imu", "sensor_msgs/msg/Imu", {**at_rest, **header})
+    assert felt.specific_force_frd_m_s2 == (0.5, 0.25, -9.81)
+    assert felt.rates_frd_rad_s == (3.0, 1.0, 2.0)
+
+
 def test_padding_behind_the_rows_of_a_cloud_is_no_point(tmp_path: Path) -> None:
     flat = cloud((1.0, 2.0, 3.0), (4.0, 5.0, 6.0))
     first, second = flat["data"][:16], flat["data"][16:]
