@@ -45,6 +45,8 @@ def read_ros_bag(path: Path) -> LoggedFlight:
     if not topics:
         raise FlightLogError(_no_pose(path, summary))
     problems = ["a bag has no parameters, firmware and arming", *track.problems]
+    if track.origin is not None and _PX4 not in topics:
+        problems.append("the origin's altitude is above the ellipsoid, not above mean sea level")
     others = sorted({topic for named in topics.values() for topic in named} - wanted.keys())
     if others:
         problems.append(
@@ -94,8 +96,8 @@ def _receive_pose(track: TrackBuilder, t_s: float, pose: Any) -> None:
 
 
 def _receive_fix(track: TrackBuilder, t_s: float, ros: Any) -> None:
-    if ros.status.status >= 0:  # -1 is STATUS_NO_FIX
-        track.place(t_s, ros.latitude, ros.longitude, ros.altitude)
+    latitude_deg = ros.latitude if ros.status.status >= 0 else math.nan  # -1 is STATUS_NO_FIX
+    track.place(t_s, latitude_deg, ros.longitude, ros.altitude)
 
 
 _TAKERS: Mapping[str, Callable[[TrackBuilder, float, Any], None]] = {

@@ -297,6 +297,9 @@ def test_a_place_without_a_fix_is_no_place(tmp_path: Path) -> None:
     flight = read_log(write_bag(tmp_path / "fix.mcap", bag))
     assert flight.origin is not None
     assert (flight.origin.latitude_deg, len(flight.track)) == (47.0, 2)
+    assert "1 of its 3 positions are invalid, and were left out" in flight.problems
+    height = "the origin's altitude is above the ellipsoid, not above mean sea level"
+    assert height in flight.problems, "48 m in Zurich"
 
 
 def test_a_bag_with_a_damaged_definition_is_refused(tmp_path: Path) -> None:
