@@ -240,8 +240,8 @@ def needed_plugin_text(what: str, error: BaseException) -> str:
 
 def _without(plugin: str) -> str:
     return (
-        f"the plugin {plugin}, which is not installed: "
-        "pip install --force-reinstall --no-deps wil-campaign"
+        f"the plugin {plugin}, which is not installed: pip install --force-reinstall --no-deps "
+        "SOURCE (the wheel or checkout of this program: docs/installing.md)"
     )
 
 

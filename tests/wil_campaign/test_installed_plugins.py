@@ -1129,7 +1129,8 @@ def test_gate_flies_without_any_plugin_and_absent_parts_are_named(tmp_path: Path
     assert codes[3:] == [2] * (len(words) - 3)
     for name in named:
         assert f"'{name}' is of the plugin " in done.stderr
-    assert "which is not installed: pip install " in done.stderr
+    # No index has the program: by its name pip found none, or a stranger's.
+    assert "which is not installed: pip install --force-reinstall --no-deps SOURCE" in done.stderr
     line = r"search-gate\.yaml:\d+:\d+: 'search' is of the plugin search, which is not installed: "
     assert re.search(line, done.stderr)
     # Of the run: report.html, statistics.json.
