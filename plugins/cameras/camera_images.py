@@ -1,6 +1,5 @@
 """Image files of cameras: upright as they are stored, with 8 bits a channel; pure."""
 
-import struct
 from io import BytesIO
 
 import cv2
@@ -24,9 +23,9 @@ def decode_camera_image(name: str, data: bytes) -> BgrImage:
     the upper 8, which a decoder would keep, are nearly black of a sensor with 12. Raises
     SourceError.
     """
-    require_8_bits(data)
     flags = cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION
     image = checked_frame(name, decode_image_file(data, flags))
+    require_8_bits(data)
     if _has_tags(data):
         orientation = _tag(data, _ORIENTATION, _UPRIGHT)
         if orientation in range(2, 9):
@@ -46,7 +45,7 @@ def _has_tags(data: bytes) -> bool:
 
 
 def require_8_bits(data: bytes) -> None:
-    """Raise ImageError for an image file with more than 8 bits a channel."""
+    """Raise ImageError for an image file, which can be decoded, with over 8 bits a channel."""
     bits = 8
     if data.startswith(_PNG) and len(data) > 24:
         bits = data[24]
@@ -66,7 +65,7 @@ def _tag(data: bytes, tag: int, default: int) -> int:
     try:
         with Image.open(BytesIO(data)) as image:
             found = image.getexif().get(tag, default)
-    except (OSError, ValueError, SyntaxError, KeyError, TypeError, struct.error):
+    except Exception:  # noqa: BLE001 - damaged tags cause anything; the pixels are sound
         return default
     number = found[0] if isinstance(found, tuple) and found else found
     return number if isinstance(number, int) else default

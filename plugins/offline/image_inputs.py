@@ -65,11 +65,12 @@ def read_image_reading(path: Path, side: Source, optics: InputFileOptics) -> Cam
 def _read(path: Path, flags: int) -> NDArray[Any]:
     try:
         data = read_image_bytes(path)
+        image = decode_image_file(data, flags)
         if flags == cv2.IMREAD_COLOR:
             require_8_bits(data)
-        return decode_image_file(data, flags)
     except (ImageError, OSError) as error:
         raise OfflineError(f"{path}: cannot be read as an image: {error}") from error
+    return image
 
 
 def read_video_readings(
