@@ -450,3 +450,21 @@ def test_an_unknown_heading_is_marked(tmp_path: Path) -> None:
     path.write_bytes(b"".join(struct.pack(">Q", round(t_s * 1e6)) + raw for t_s, raw in stamped))
     text = files_from_log(path, "x", profile=False)["campaign.yaml"]
     assert text.count("yaw_deg: 0.0}  # its heading is unknown\n") == 2
+
+
+def test_a_format_without_a_length_ends_a_dataflash_log(tmp_path: Path) -> None:
+    """pymavlink read its message for ever."""
+    path = vehicle_log(DataFlash, tmp_path / "flight.bin")
+    data = bytearray(path.read_bytes())
+    at = data.index(b"XKF1") - 1
+    data[at : at + 1] = b"\0"
+    data[at + 5 : at + 21] = bytes(16)
+    path.write_bytes(data)
+    with pytest.raises(FlightLogError, match="has no length"):
+        read_log(path)
+
+
+def test_samples_of_a_ulog_without_times_are_none(tmp_path: Path) -> None:
+    path = vehicle_log(ULog, tmp_path / "flight.ulg")
+    path.write_bytes(path.read_bytes().replace(b"uint64_t timestamp", b"uint64_t timestamq"))
+    assert read_log(path).track == []
