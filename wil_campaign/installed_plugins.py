@@ -7,7 +7,7 @@ theirs in the group `wil_campaign` of their entry points. Both are registered wi
 import importlib
 import sys
 from collections.abc import Callable, Container, Iterator, Mapping, Sequence
-from contextlib import suppress
+from contextlib import redirect_stdout, suppress
 from dataclasses import dataclass
 from functools import cache
 from importlib.util import find_spec
@@ -161,7 +161,8 @@ def plugin_additions(
 def loaded_additions(hook: Callable[[], Sequence[Addition]], field: str) -> Mapping[str, Any]:
     """Return by name what all additions of a hook name by one of their fields, imported.
 
-    The core's own come first; without those where it is empty. Raises BadInput as `added` does.
+    The core's own come first; without those where it is empty. Raises BadInput as
+    `plugin_additions` does.
     """
     plugin_additions(hook)
     found: dict[str, Any] = {}
@@ -172,10 +173,16 @@ def loaded_additions(hook: Callable[[], Sequence[Addition]], field: str) -> Mapp
         try:
             found[addition.name] = load_plugin_object(place)
             _require_name(found[addition.name], addition.name)
-        except Exception as error:
+        except (Exception, SystemExit) as error:
             message = f"{hook.__name__}(): {place} cannot be used: {_words(error)}"
             raise _fault(plugin, _registered()[1][plugin], message) from error
     return found
+
+
+def _require_kind(found: Sequence[object], kind: type) -> None:
+    """Raise TypeError for what a hook gives that is of another kind than its own."""
+    if others := {type(one).__name__ for one in found if not isinstance(one, kind)}:
+        raise TypeError(f"it gives {', '.join(sorted(others))}, not {kind.__name__}")
 
 
 def _require_name(part: Any, name: str) -> None:
@@ -191,11 +198,12 @@ def _require_name(part: Any, name: str) -> None:
 
 
 def installed_plugins_by_name() -> tuple[Plugin, ...]:
-    """Return all plugins, by name. Raises BadInput as `added` does."""
+    """Return all plugins, by name. Raises BadInput as `plugin_additions` does."""
     manager, origins = _registered()
     adds: dict[str, dict[str, tuple[str, ...]]] = {name: {} for name in origins}
     for name in manager.hook.__dict__:
         if not name.startswith("_"):
+            plugin_additions(getattr(hooks, name))
             for plugin, addition in _additions(getattr(hooks, name)):
                 adds[plugin][name] = (*adds[plugin].get(name, ()), addition.name)
     names = sorted(name for name in origins if name != _CORE)
@@ -232,8 +240,8 @@ def needed_plugin_text(what: str, error: BaseException) -> str:
 
 def _without(plugin: str) -> str:
     return (
-        f"the plugin {plugin}, which is not installed: "
-        "pip install --force-reinstall --no-deps wil-campaign"
+        f"the plugin {plugin}, which is not installed: pip install --force-reinstall --no-deps "
+        "SOURCE (the wheel or checkout of this program: docs/installing.md)"
     )
 
 
@@ -246,10 +254,12 @@ def load_plugin_object(function: str) -> Any:
 def _additions(hook: Callable[[], Sequence[Addition]]) -> Iterator[tuple[str, Addition]]:
     """Yield the plugin and each thing that it adds by a hook, in the order of registration."""
     manager, origins = _registered()
+    kind: type = hook.__annotations__["return"].__args__[0]
     for hookimpl in getattr(manager.hook, hook.__name__).get_hookimpls():
         try:
             found: tuple[Addition, ...] = tuple(hookimpl.function())
-        except Exception as error:
+            _require_kind(found, kind)
+        except (Exception, SystemExit) as error:
             message = f"{hook.__name__}() fails: {_words(error)}"
             raise _fault(hookimpl.plugin_name, origins[hookimpl.plugin_name], message) from error
         for addition in found:
@@ -300,16 +310,21 @@ def _register_others(manager: pluggy.PluginManager) -> dict[str, str]:
     origins: dict[str, str] = {}
     for point in entry_points(group=hooks.PROJECT):
         origin = "?" if point.dist is None else f"{point.dist.name} {point.dist.version}"
+        if (other := manager.get_plugin(point.name)) is not None:
+            message = f"its name is there already, of {getattr(other, '__name__', other)}"
+            raise _fault(point.name, origin, message)
         try:
-            manager.register(point.load(), point.name)
+            with redirect_stdout(sys.stderr):  # what a command prints may be a document
+                plugin = point.load()
+            manager.register(plugin, point.name)
             manager.check_pending()
-        except Exception as error:
+        except (Exception, SystemExit) as error:
             raise _fault(point.name, origin, f"cannot be used: {_words(error)}") from error
         origins[point.name] = origin
     return origins
 
 
-def _words(error: Exception) -> str:
+def _words(error: BaseException) -> str:
     """Return an exception in one line."""
     if text := needed_plugin_text("it", error):
         return text

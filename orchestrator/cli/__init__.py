@@ -136,14 +136,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _call_command(tokens: list[str]) -> int:
     """Run the command of the command line's tokens; return the exit code."""
-    app = build_app()
+    commands = _commands_for(tokens)
+    app = build_app(commands)
     if not tokens:
         app.help_print(console=app.error_console)
         return USAGE_ERROR
-    if tokens[0] in (missing := absent_additions(hooks.commands)):
+    command = commands.get(tokens[0])
+    if command is None and tokens[0] in (missing := absent_additions(hooks.commands)):
         write_stderr(missing[tokens[0]])
         return USAGE_ERROR
-    _import_command(tokens)
+    _import_module(command)
     code = app(tokens, result_action="return_value")
     return code if isinstance(code, int) else 0
 
@@ -154,12 +156,26 @@ def all_commands() -> Mapping[str, Command]:
     return {**own, **plugin_additions(hooks.commands, own)}
 
 
-def _import_command(tokens: Sequence[str]) -> None:
-    """Import the module of the command that the tokens name, with garbage collection disabled.
+def _commands_for(tokens: Sequence[str]) -> Mapping[str, Command]:
+    """Return the commands; without plugins where one cannot be used, and vehicles are to land.
+
+    Raises BadInput for a plugin that cannot be used where another command is wanted.
+    """
+    own = {command.name: command for command in _COMMANDS if command.section == "operate"}
+    try:
+        return all_commands()
+    except Exception as error:
+        if not tokens or tokens[0] not in own:
+            raise
+        write_stderr(error)
+        return own
+
+
+def _import_module(command: Command | None) -> None:
+    """Import the module of a command, with garbage collection disabled.
 
     Imported objects stay: collections that scan them repeatedly take a sixth of the time.
     """
-    command = all_commands().get(tokens[0])
     module = "" if command is None else command.function.partition(":")[0]
     if not module:
         return
@@ -190,8 +206,8 @@ def _interruptible() -> Iterator[None]:
             signal.signal(number, handler)
 
 
-def build_app() -> App:
-    """Return the command-line program with its commands, none of them imported yet."""
+def build_app(commands: Mapping[str, Command] | None = None) -> App:
+    """Return the command-line program, none of its commands imported yet. None: all of them."""
     app = App(
         name="wil-campaign",
         help="World-in-the-loop testing: a real vehicle and its twin fly one test together.",
@@ -203,7 +219,7 @@ def build_app() -> App:
     for flag in (*app.help_flags, *app.version_flags):
         app[flag].group = _OWN
     groups: dict[str, App] = {}
-    for name, command in all_commands().items():
+    for name, command in (all_commands() if commands is None else commands).items():
         group, _, inner = name.rpartition(" ")
         section = None if group else _SECTIONS[command.section]
         if command.function:

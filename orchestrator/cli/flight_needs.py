@@ -63,8 +63,8 @@ def disk_warning(needs: FlightNeeds, *, flights: int, free_mb: float) -> str | N
         return None
     how = "as last time" if needs.is_known else "by the rates and sizes of images, 18 s a flight"
     return (
-        f"warning: {count_text(flights, 'flight')} may write {wanted_mb / 1000.0:.1f} GB ({how}); "
-        f"{free_mb / 1000.0:.1f} GB are free. Depth images and `record.pictures` other than needed "
+        f"warning: {count_text(flights, 'flight')} may write {_size_text(wanted_mb)} ({how}); "
+        f"{_size_text(free_mb)} are free. Depth images and `record.pictures` other than needed "
         "take most: lower rate_hz, width_px and height_px where the test does not need them"
     )
 
@@ -134,6 +134,10 @@ def _duration_text(wall_s: float) -> str:
     if minutes < 90:
         return "1 minute" if minutes == 1 else f"{minutes} minutes"
     return f"{wall_s / 3600.0:.1f} hours"
+
+
+def _size_text(size_mb: float) -> str:
+    return f"{size_mb / 1000.0:.1f} GB" if size_mb >= 1000.0 else f"{size_mb:.0f} MB"
 
 
 def _rounded(value: float) -> int:

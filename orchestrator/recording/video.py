@@ -59,7 +59,8 @@ class VideoWriter:
         stream: Any = self._container.add_stream("libx264", rate=rate)
         stream.width, stream.height = width_px & ~1, height_px & ~1
         stream.pix_fmt = "yuv420p"
-        stream.time_base = _TIME_BASE
+        # The encoder's own is 1/rate: two images within one of its ticks could not be written.
+        stream.codec_context.time_base = stream.time_base = _TIME_BASE
         stream.codec_context.thread_count = 1
         stream.options = {
             "preset": "ultrafast",

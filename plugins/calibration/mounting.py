@@ -33,6 +33,8 @@ _SPACED = 40
 """Images whose pairs are used for the closed form."""
 _POOR_PX = 5.0
 _MOST = 100
+_GAP_S, _GAP_STEPS = 0.1, 5.0
+"""Between two poses that are farther apart, as of a body that was hidden, it is not known."""
 _FARTHEST_PX = 1e4
 _DIFFERENCE = 1e-6
 """Step of finite differences (m, rad, s): far below the wanted accuracy, far above rounding."""
@@ -149,13 +151,17 @@ class _Track:
         self._t_s = times[fresh]
         if len(self._t_s) < 2:
             raise CalibrationError("the body's pose is not known: no poses arrived")
+        steps_s = np.diff(self._t_s)
+        gaps = steps_s > max(_GAP_S, _GAP_STEPS * float(np.median(steps_s)))
+        self._gaps_s = np.stack((self._t_s[:-1][gaps], self._t_s[1:][gaps]), axis=1)
         self._positions = path.position_ned_m[order][fresh]
         q = path.q_wxyz[order][fresh]
         self._slerp = Slerp(self._t_s, Rotation.from_quat(q[:, [1, 2, 3, 0]]))
 
     def covers(self, from_s: float, to_s: float) -> bool:
-        """Return whether the body's track covers a time span."""
-        return bool(self._t_s[0] <= from_s and to_s <= self._t_s[-1])
+        """Return whether the body's track covers a time span, without a gap in it."""
+        in_gap = (self._gaps_s[:, 0] < to_s) & (from_s < self._gaps_s[:, 1])
+        return bool(self._t_s[0] <= from_s and to_s <= self._t_s[-1] and not in_gap.any())
 
     def at(self, times_s: Points) -> tuple[Points, Points]:
         """Return the body's rotations (n, 3, 3) to world, and positions (n, 3)."""

@@ -1,20 +1,27 @@
 """Recorded images: a video file, or a folder of image files."""
 
 import re
+from collections.abc import Callable, Mapping
+from decimal import Decimal
 from pathlib import Path
 from typing import Any
 
 import av
-import cv2
 
-from wil_campaign.foundation.files.images import ImageError, check_image_size, read_image
+from wil_campaign.foundation.files.images import ImageError, check_image_size, read_image_bytes
 from wil_campaign.foundation.files.lfs import LFS_POINTER, is_lfs_file
 from wil_campaign.foundation.files.limits import MAX_IMAGE_PIXELS
 from wil_campaign.foundation.files.paths import is_file
 from wil_campaign.plugins.cameras.av_input import opening_error
-from wil_campaign.plugins.cameras.frame_stamps import checked_frame
+from wil_campaign.plugins.cameras.camera_images import decode_camera_image
 from wil_campaign.plugins.cameras.recorded_camera import RecordedImage
 from wil_campaign.vehicles.sources.camera_source import IMAGE_SUFFIXES, SourceError
+
+_LENGTHS: Mapping[str, Callable[[Any], int | None]] = {
+    "avi": lambda stream: stream.frames,  # of one tick each; FFmpeg shortens its duration
+    "mov,mp4,m4a,3gp,3g2,mj2": lambda stream: stream.duration,
+}
+"""What a format's header states of a stream's length, in its ticks; of others it is a guess."""
 
 
 class VideoFile:
@@ -26,6 +33,7 @@ class VideoFile:
         self._frames: Any = None
         self._first_s: float | None = None
         self._last_s = self._longest_s = self._stated_s = 0.0
+        self._images = self._stated_images = 0
 
     @property
     def name(self) -> str:
@@ -52,6 +60,10 @@ class VideoFile:
         self._check_size(stream.codec_context.width, stream.codec_context.height)
         stream.codec_context.options = {"max_pixels": str(MAX_IMAGE_PIXELS)}
         self._stated_s = _stated_end_s(stream.metadata.get("DURATION", ""))
+        ticks = _LENGTHS.get(self._container.format.name, lambda _: 0)(stream) or 0
+        if ticks:
+            self._stated_s = float(((stream.start_time or 0) + ticks) * stream.time_base)
+            self._stated_images = stream.frames
         self._frames = self._container.decode(stream)
 
     def next(self) -> RecordedImage | None:
@@ -68,6 +80,7 @@ class VideoFile:
             self._first_s = self._last_s = frame.time
         self._longest_s = max(self._longest_s, frame.time - self._last_s)
         self._last_s = frame.time
+        self._images += 1
         return RecordedImage(frame.time - self._first_s, frame.to_ndarray(format="bgr24"))
 
     def close(self) -> None:
@@ -76,10 +89,14 @@ class VideoFile:
             self._container.close()
 
     def _check_end(self) -> None:
-        """Raise SourceError where images are missing at the end: FFmpeg tells of Matroska nothing.
+        """Raise SourceError where images are missing at the end.
 
-        The last image may be shown as long as any other one, and once more for rounding.
+        FFmpeg tells of Matroska nothing, nor where each image is coded alone (MJPEG). The last
+        image may be shown as long as any other one, and once more for rounding; longer where none
+        is missing by their number.
         """
+        if self._images >= self._stated_images > 0:
+            return
         if self._longest_s and self._last_s + 2.0 * self._longest_s < self._stated_s:
             raise SourceError(
                 f"{self.name}: the file is cut off: its last image is at {self._last_s:.3f} s, and "
@@ -120,7 +137,8 @@ def _stated_end_s(written: str) -> float:
 class ImageFolder:
     """The image files of a folder in the order of their names, at a rate; an ImageFile.
 
-    Numbers in names count as numbers: `9.png` comes before `10.png`.
+    Numbers in names count as numbers: `9.png` comes before `10.png`, and of seconds since 1970
+    (ten digits) `1700000000.25.png` before `1700000000.5.png`.
     """
 
     def __init__(self, *, path: Path, rate_hz: float) -> None:
@@ -155,19 +173,21 @@ class ImageFolder:
         path, offset_s = self._images[self._index], self._index / self._rate_hz
         self._index += 1
         try:
-            image_bgr = read_image(path, cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
+            image_bgr = decode_camera_image(str(path), read_image_bytes(path))
         except (ImageError, OSError) as error:
             raise SourceError(
                 f"{path}: cannot be read as an image; remove it from the folder: {error}"
             ) from error
-        return RecordedImage(offset_s, checked_frame(str(path), image_bgr))
+        return RecordedImage(offset_s, image_bgr)
 
     def close(self) -> None:
         """Forget the list of image files."""
         self._images = []
 
 
-def _natural_key(name: str) -> tuple[tuple[int, int, str], ...]:
+def _natural_key(name: str) -> tuple[tuple[int, Decimal, str], ...]:
     """Return the sort key of an image file's name: numbers by value."""
-    parts = re.findall(r"\d+|\D+", name)
-    return tuple((0, int(part), part) if part.isdigit() else (1, 0, part) for part in parts)
+    parts = re.findall(r"(?<!\d)\d{10}\.\d+|\d+|\D+", name)
+    return tuple(
+        (0, Decimal(part), part) if part[0].isdecimal() else (1, Decimal(0), part) for part in parts
+    )

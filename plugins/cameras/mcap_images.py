@@ -14,11 +14,11 @@ from mcap.records import Channel, Chunk, Message, Schema
 from mcap.stream_reader import StreamReader
 from mcap.summary import Summary
 
-from wil_campaign.foundation.files.images import ImageError, decode_image_file
+from wil_campaign.foundation.files.images import ImageError
 from wil_campaign.foundation.files.lfs import LFS_POINTER, is_lfs_file
 from wil_campaign.foundation.files.limits import MAX_CHUNK_BYTES
+from wil_campaign.plugins.cameras.camera_images import decode_camera_image
 from wil_campaign.plugins.cameras.compressed_image import Decode, decoder_for
-from wil_campaign.plugins.cameras.frame_stamps import checked_frame
 from wil_campaign.plugins.cameras.recorded_camera import RecordedImage
 from wil_campaign.plugins.readings.messagepack import BadMessageError
 from wil_campaign.vehicles.sources.camera_source import SourceError
@@ -134,7 +134,7 @@ class McapFile:
 
     def _decode_image(self, data: bytes, sequence: int) -> "np.ndarray[Any, np.dtype[np.uint8]]":
         try:
-            return checked_frame(self.name, decode_image_file(data))
+            return decode_camera_image(self.name, data)
         except ImageError as error:
             raise SourceError(
                 f"{self.name}: the image of message {sequence} cannot be decoded: {error}"

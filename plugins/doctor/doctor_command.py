@@ -79,6 +79,7 @@ def _findings(results: Path) -> Iterable[Finding]:
     """Yield all findings of `doctor`."""
     yield from installed.python_finding()
     yield from installed.package_findings()
+    yield from installed.plugin_findings()
     yield from installed.driver_findings()
     yield from programs.autopilot_program_findings(home_folder())
     for channel in plugin_additions(operator_channels).values():

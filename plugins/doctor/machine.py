@@ -13,7 +13,7 @@ from pathlib import Path
 
 import psutil
 
-from wil_campaign.foundation.files.paths import is_folder, require_utf8
+from wil_campaign.foundation.files.paths import is_folder, path_exists, require_utf8
 from wil_campaign.foundation.files.problems import BadInput
 from wil_campaign.orchestrator.run.flight.lateness import LATE_S
 from wil_campaign.plugins.doctor.findings import Finding
@@ -249,7 +249,10 @@ def disk_finding(results: Path) -> Iterator[Finding]:
     except BadInput as error:
         yield Finding(DISK, "trouble", str(error))
         return
-    folder = next((path for path in (results, *results.parents) if is_folder(path)), Path())
+    folder = next((path for path in (results, *results.parents) if path_exists(path)), Path())
+    if not is_folder(folder):
+        yield Finding(DISK, "trouble", f"{folder} is no folder", "give another folder by --out")
+        return
     if not os.access(folder, os.W_OK):
         remedy = "give another folder by --out"
         yield Finding(DISK, "trouble", f"{folder} is not writable", remedy)

@@ -20,6 +20,10 @@ _AROUND_M = 5.0
 _BELOW_M = 2.0
 _LOWEST_M = 1.0
 _MOST_POINTS = 20_000
+_GAP_S = 5.0
+_JUMP_M, _JUMP_M_S = 2.0, 40.0
+"""No multicopter moves so far, so fast."""
+_UNDER_M = 1.0
 
 
 class CourseWaypoint(NamedTuple):
@@ -38,6 +42,7 @@ class FlightCourse:
     start: that place in the log's own frame. yaw_rad: heading there; None where it is unknown.
     altitude_m: at which the takeoff ended. box: north, east and up of a fence around it.
     begin_s: when it left the ground. duration_s: in the air. flights: how many the log has.
+    problems: in words, where it is not what was flown.
     """
 
     start: TrackPoint
@@ -48,6 +53,7 @@ class FlightCourse:
     begin_s: float
     duration_s: float
     flights: int
+    problems: tuple[str, ...] = ()
 
 
 def course_of_flight(flight: LoggedFlight) -> FlightCourse | None:
@@ -56,21 +62,61 @@ def course_of_flight(flight: LoggedFlight) -> FlightCourse | None:
     flown = [found for span in spans if (found := _in_the_air(flight.track, span)) is not None]
     if not flown:
         return None
-    start, points = max(flown, key=lambda pair: pair[1][-1].t_s - pair[1][0].t_s)
+    start, points, landed = max(flown, key=lambda one: one[1][-1].t_s - one[1][0].t_s)
     moved = [_from(start, point) for point in points]
     begin = _end_of_takeoff(moved)
     altitude_m = max(_LOWEST_M, moved[begin].up_m)
-    cruise = _thinned([*moved[begin:]])
+    cruise = _simplified(_thinned([*moved[begin:]]))
+    under_m = -min(point.up_m - start.up_m for point in (*points, *landed))
     return FlightCourse(
         start=start,
         yaw_rad=start.yaw_rad,
         altitude_m=round(altitude_m, 2),
-        waypoints=tuple(_waypoints(_simplified(cruise))),
+        waypoints=tuple(_waypoints(cruise)),
         box=_box(moved),
         begin_s=points[0].t_s,
         duration_s=points[-1].t_s - points[0].t_s,
         flights=len(flown),
+        problems=(*_breaks(moved), *_unlike(cruise, under_m)),
     )
+
+
+def _breaks(points: Sequence[TrackPoint]) -> Iterator[str]:
+    """Yield where a track in the air has no positions, or positions that nothing flies to."""
+    gaps_s = [b.t_s - a.t_s for a, b in pairwise(points) if b.t_s - a.t_s > _GAP_S]
+    if gaps_s:
+        yield (
+            f"gaps in its positions in the air: {len(gaps_s)}, of up to {max(gaps_s):.1f} s, or "
+            "its clock jumped: the course goes straight across"
+        )
+    jumps_m = [
+        length_m
+        for a, b in pairwise(points)
+        if (length_m := math.dist(a[1:4], b[1:4])) > _JUMP_M
+        and length_m > _JUMP_M_S * (b.t_s - a.t_s)
+    ]
+    if jumps_m:
+        yield (
+            f"jumps of its position: {len(jumps_m)}, of up to {max(jumps_m):.1f} m, as where an "
+            "estimator starts anew: the course has them"
+        )
+
+
+def _unlike(cruise: Sequence[TrackPoint], under_m: float) -> Iterator[str]:
+    """Yield where the waypoints of a track are other ones. under_m: how deep below its start."""
+    fastest_m_s = max(_speeds(cruise), default=0.0)
+    if fastest_m_s > _FASTEST_M_S:
+        yield f"legs of up to {fastest_m_s:.1f} m/s are flown at {_FASTEST_M_S:g} m/s"
+    if under_m > _UNDER_M:
+        yield (
+            f"it flew down to {under_m:.1f} m below its start: what is lower than {_LOWEST_M:g} m "
+            f"above it is flown there, and it ends where it was last {_FLOWN_M:g} m above it"
+        )
+
+
+def _speeds(points: Sequence[TrackPoint]) -> Iterator[float]:
+    for before, after in pairwise(points):
+        yield math.dist(before[1:4], after[1:4]) / max(1e-3, after.t_s - before.t_s)
 
 
 def _armed_spans(flight: LoggedFlight) -> Iterator[tuple[float, float]]:
@@ -87,8 +133,8 @@ def _armed_spans(flight: LoggedFlight) -> Iterator[tuple[float, float]]:
 
 def _in_the_air(
     track: Sequence[TrackPoint], span: tuple[float, float]
-) -> tuple[TrackPoint, list[TrackPoint]] | None:
-    """Return where the vehicle stood, and its track in the air; None where it did not fly."""
+) -> tuple[TrackPoint, list[TrackPoint], list[TrackPoint]] | None:
+    """Return where the vehicle stood, its track in the air and after it; None without a flight."""
     points = [track_point for track_point in track if span[0] <= track_point.t_s <= span[1]]
     if not points:
         return None
@@ -99,7 +145,7 @@ def _in_the_air(
     flies = [index for index, point in enumerate(points) if point.up_m - start.up_m > _FLOWN_M]
     if len(flies) < 2:
         return None
-    return start, points[flies[0] : flies[-1] + 1]
+    return start, points[flies[0] : flies[-1] + 1], points[flies[-1] + 1 :]
 
 
 def _from(start: TrackPoint, one: TrackPoint) -> TrackPoint:
@@ -161,10 +207,8 @@ def _distance(one: TrackPoint, begin: TrackPoint, end: TrackPoint) -> float:
 
 
 def _waypoints(points: Sequence[TrackPoint]) -> Iterator[CourseWaypoint]:
-    for before, track_point in pairwise(points):
-        length_m = math.dist(before[1:4], track_point[1:4])
-        took_s = max(1e-3, track_point.t_s - before.t_s)
-        speed_m_s = min(_FASTEST_M_S, max(_SLOWEST_M_S, length_m / took_s))
+    for flown_m_s, track_point in zip(_speeds(points), points[1:], strict=True):
+        speed_m_s = min(_FASTEST_M_S, max(_SLOWEST_M_S, flown_m_s))
         up_m = max(_LOWEST_M, track_point.up_m)
         yield CourseWaypoint(
             *(round(x, 2) for x in (track_point.north_m, track_point.east_m, up_m, speed_m_s))

@@ -31,14 +31,12 @@ _CLASSES = {1: "quadrotor", 2: "hexarotor", 3: "octorotor", 7: "tricopter"}
 
 def read_dataflash(path: Path) -> LoggedFlight:
     """Return the flight of a .bin. Raises LogError."""
-    from pymavlink import DFReader  # noqa: PLC0415 - slow to import
-
     vehicle = _Vehicle()
     left_out = 0
     noise = StringIO()
     try:
         with redirect_stdout(noise), redirect_stderr(noise):
-            log = DFReader.DFReader_binary(str(path))
+            log = _opened(path)
             try:
                 left_out = _bytes_left_out(log)
                 while (message := _next(log, from_index=not left_out)) is not None:
@@ -52,6 +50,30 @@ def read_dataflash(path: Path) -> LoggedFlight:
     if not vehicle.is_any:
         raise FlightLogError(f"{path} has no message of a flight: is it a log of ArduPilot?")
     return vehicle.flight(is_damaged=left_out > 0)
+
+
+def _opened(path: Path) -> Any:
+    """Return pymavlink's reader of a log; its methods raise whatever a damaged file causes."""
+    from pymavlink import DFReader  # noqa: PLC0415 - slow to import
+
+    class Reader(DFReader.DFReader_binary):  # type: ignore[misc]  # ships no types
+        """Ends where a damaged format has a length of 0: its message would be read for ever."""
+
+        def __init__(self, filename: str) -> None:
+            try:
+                super().__init__(filename)
+            except BaseException:
+                self.filehandle.close()
+                raise
+
+        def _parse_next(self) -> Any:
+            begin = self.offset
+            message = super()._parse_next()
+            if message is not None and self.offset <= begin:
+                raise FlightLogError(f"the format of {message.get_type()} has no length")
+            return message
+
+    return Reader(str(path))
 
 
 def _bytes_left_out(log: Any) -> int:

@@ -18,6 +18,7 @@ _ODOMETRY, _POSE, _POSE_COV = (
 _FIX, _PX4 = "sensor_msgs/msg/NavSatFix", "px4_msgs/msg/VehicleLocalPosition"
 _ORDER = (_PX4, _ODOMETRY, _POSE_COV, _POSE)
 """The first of these that a bag has is its track."""
+_LEAST_NORM = 1e-3
 
 
 def read_ros_bag(path: Path) -> LoggedFlight:
@@ -44,6 +45,8 @@ def read_ros_bag(path: Path) -> LoggedFlight:
     if not topics:
         raise FlightLogError(_no_pose(path, summary))
     problems = ["a bag has no parameters, firmware and arming", *track.problems]
+    if track.origin is not None and _PX4 not in topics:
+        problems.append("the origin's altitude is above the ellipsoid, not above mean sea level")
     others = sorted({topic for named in topics.values() for topic in named} - wanted.keys())
     if others:
         problems.append(
@@ -86,13 +89,15 @@ def _receive_pose(track: TrackBuilder, t_s: float, pose: Any) -> None:
     """Take a pose in ROS's frames: east, north, up; yaw counterclockwise from east."""
     place, q = pose.position, pose.orientation
     track.local(t_s, place.y, place.x, -place.z)
-    yaw = math.atan2(2.0 * (q.w * q.z + q.x * q.y), 1.0 - 2.0 * (q.y * q.y + q.z * q.z))
+    if math.hypot(q.w, q.x, q.y, q.z) < _LEAST_NORM:
+        return  # all zeros: nobody set it
+    yaw = math.atan2(2.0 * (q.w * q.z + q.x * q.y), q.w * q.w + q.x * q.x - q.y * q.y - q.z * q.z)
     track.yaw(t_s, math.pi / 2.0 - yaw)
 
 
 def _receive_fix(track: TrackBuilder, t_s: float, ros: Any) -> None:
-    if ros.status.status >= 0:  # -1 is STATUS_NO_FIX
-        track.place(t_s, ros.latitude, ros.longitude, ros.altitude)
+    latitude_deg = ros.latitude if ros.status.status >= 0 else math.nan  # -1 is STATUS_NO_FIX
+    track.place(t_s, latitude_deg, ros.longitude, ros.altitude)
 
 
 _TAKERS: Mapping[str, Callable[[TrackBuilder, float, Any], None]] = {

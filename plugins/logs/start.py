@@ -12,6 +12,7 @@ from pathlib import Path
 from statistics import median
 
 from wil_campaign.foundation.files.problems import BadInput, Problem, printable_problem
+from wil_campaign.foundation.files.yaml_nodes import yaml_of_word
 from wil_campaign.plugins.logs.course import FlightCourse, course_of_flight
 from wil_campaign.plugins.logs.log_reader import read_log
 from wil_campaign.plugins.logs.logged_flight import FlightLogError, LoggedFlight
@@ -28,17 +29,22 @@ _LEAST_SAMPLES = 5
 
 @dataclass(frozen=True, slots=True)
 class BatteryKeys:
-    """The keys of a profile's `battery` that a log tells, with their values."""
+    """The keys of a profile's `battery` that a log tells, with their values.
+
+    guessed: how many cells there are, by the greatest voltage alone; 0 where a parameter tells.
+    """
 
     values: Mapping[str, float]
+    guessed: int = 0
 
 
 def battery_of_flight(flight: LoggedFlight, course: FlightCourse | None) -> BatteryKeys | None:
     """Return what a log tells of the battery; None where that is nothing."""
     found: dict[str, float] = {}
-    cells = _first(flight, _CELLS)
+    cells, guessed = _first(flight, _CELLS), 0
     if not cells and flight.power:
-        cells = float(round(max(power_sample.voltage_v for power_sample in flight.power) / 4.1))
+        guessed = round(max(power_sample.voltage_v for power_sample in flight.power) / 4.1)
+        cells = float(guessed)
     if cells:
         found["full_v"] = round(cells * _FULL_V, 2)
         found["empty_v"] = round(cells * _EMPTY_V, 2)
@@ -54,7 +60,7 @@ def battery_of_flight(flight: LoggedFlight, course: FlightCourse | None) -> Batt
         ]
         if len(amperes) >= _LEAST_SAMPLES and median(amperes) > 0.5:
             found["hover_current_a"] = round(median(amperes), 2)
-    return BatteryKeys(found) if found else None
+    return BatteryKeys(found, guessed) if found else None
 
 
 def _first(flight: LoggedFlight, names: tuple[str, ...]) -> float:
@@ -95,13 +101,13 @@ def _campaign(
     flight: LoggedFlight, course: FlightCourse | None, *, name: str, log: Path, profile: bool
 ) -> str:
     autopilot, own = flight.autopilot or "px4", _PROFILE if profile else "nominal"
-    yaw = 0.0 if course is None or course.yaw_rad is None else math.degrees(course.yaw_rad)
+    yaw = None if course is None or course.yaw_rad is None else math.degrees(course.yaw_rad)
     lines = [
         "# yaml-language-server: $schema=schemas/campaign.schema.json",
         "# The flight of a log, again.  wil-campaign run campaign.yaml",
         *_facts(flight, course, log),
         "schema: wil/campaign/1",
-        f"campaign: {name}",
+        f"campaign: {yaml_of_word(name)}",
         f"description: Fly the course of {_quoted_in(printable_problem(log.name))}",
         "",
         "vehicles:",
@@ -143,16 +149,19 @@ def _facts(flight: LoggedFlight, course: FlightCourse | None, log: Path) -> Iter
         yield f"# flown: {course.duration_s:.1f} s" + (
             f"; the longest of {course.flights} flights" if course.flights > 1 else ""
         )
-    for problem in flight.problems:
+    for problem in (*flight.problems, *(() if course is None else course.problems)):
         yield f"# {printable_problem(problem)}"
 
 
-def _vehicle(flight: LoggedFlight, autopilot: str, profile: str, yaw_deg: float) -> Iterator[str]:
+def _vehicle(
+    flight: LoggedFlight, autopilot: str, profile: str, yaw_deg: float | None
+) -> Iterator[str]:
     yield f"    autopilot: {autopilot}"
     yield f"    profile: {profile}"
     if profile == _PROFILE:
         yield "    body: {width_m: 0.3, height_m: 0.1}  # propellers included, feet to top"
-    yield f"    start: {{north_m: 0, east_m: 0, up_m: 0, yaw_deg: {yaw_deg:.1f}}}"
+    remark = "" if yaw_deg is not None else "  # its heading is unknown"
+    yield f"    start: {{north_m: 0, east_m: 0, up_m: 0, yaw_deg: {yaw_deg or 0.0:.1f}}}{remark}"
     yield "    pose_source: mavlink"
     moving = dict(_moving_parameters(flight, autopilot))
     if moving:
@@ -267,6 +276,8 @@ def _profile(battery: BatteryKeys | None, log: Path) -> str:
     for key, value in known.items():
         text = re.sub(rf"(?m)^(  {key}: )\S+", rf"\g<1>{value}", text)
     stated = f"battery {', '.join(known)}" if known else "nothing of the battery"
+    if battery is not None and battery.guessed:
+        stated += f"; its {battery.guessed} cells are a guess, by the greatest voltage"
     return f"# From {name}: {stated}. The rest is not in a log.\n{text}"
 
 

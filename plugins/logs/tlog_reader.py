@@ -1,7 +1,8 @@
 """Reads MAVLink logs (.tlog): of ground stations, and of our own runs."""
 
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Callable, Iterator, Mapping
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -22,15 +23,16 @@ _YEARS_S = (946684800.0, 4102444800.0)
 """2000 and 2100: other stamps are no stamps."""
 _AUTOPILOT = mavlink.MAV_COMP_ID_AUTOPILOT1
 _NO_CURRENT = -1
+_LATE_S, _LATE_FRAMES = 1.0, 20
 
 
 def read_tlog(path: Path) -> LoggedFlight:
     """Return the flight of the vehicle that a .tlog has most of. Raises LogError."""
     codec = MavlinkCodec(system_id=255, component_id=190)
-    skipped = _Skipped()
+    skipped, clock = _Skipped(), _OnwardClock()
     taken_bytes = 0
     messages: list[tuple[float, Any]] = []
-    for t_s, raw in _frames(path.read_bytes(), skipped):
+    for t_s, raw in clock.led_on(_frames(path.read_bytes(), skipped)):
         for frame in codec.split(raw):
             taken_bytes += len(frame.raw)
             if frame.component != _AUTOPILOT or frame.message_id not in _TAKEN:
@@ -50,6 +52,8 @@ def read_tlog(path: Path) -> LoggedFlight:
     # The codec keeps the last bytes where they may be the begin of a frame.
     lost = skipped.bytes + codec.bytes_seen - taken_bytes
     problems = [f"{lost} bytes are damaged, and were skipped"] if lost else []
+    if clock.back_s:
+        problems.append(f"its clock goes back by {clock.back_s:.1f} s, and is led on from there")
     others = sorted({message.get_srcSystem() for _, message in messages} - {system})
     if others:
         names = ", ".join(map(str, others))
@@ -61,6 +65,31 @@ class _Skipped:
     """How many bytes of a log are no frames."""
 
     bytes = 0
+
+
+class _OnwardClock:
+    """Leads the stamps of a log on where the clock that made them was set back.
+
+    back_s: by how much in all. A few frames that come late, of another link, set nothing back.
+    """
+
+    def __init__(self) -> None:
+        self.back_s = 0.0
+        self._last_s = 0.0
+
+    def led_on(self, frames: Iterator[tuple[float, bytes]]) -> Iterator[tuple[float, bytes]]:
+        """Yield the frames, with times in seconds of the log's first clock."""
+        coming = deque(islice(frames, _LATE_FRAMES))
+        while coming:
+            stamp_s, raw = coming.popleft()
+            coming.extend(islice(frames, 1))
+            if self._is_back(stamp_s) and coming and all(self._is_back(t_s) for t_s, _ in coming):
+                self.back_s = self._last_s - stamp_s
+            self._last_s = max(self._last_s, stamp_s + self.back_s)
+            yield stamp_s + self.back_s, raw
+
+    def _is_back(self, stamp_s: float) -> bool:
+        return stamp_s + self.back_s < self._last_s - _LATE_S
 
 
 def _frames(data: bytes, skipped: _Skipped) -> Iterator[tuple[float, bytes]]:

@@ -21,6 +21,7 @@ class TrackBuilder:
         self._yaws: list[tuple[float, float]] = []
         self._origin: Geodetic | None = None
         self._left_out = 0
+        self._no_places = 0
 
     def local(
         self, t_s: float, north_m: float, east_m: float, down_m: float, *, is_valid: bool = True
@@ -36,6 +37,8 @@ class TrackBuilder:
         """Add a place on Earth; zeros are no place."""
         if is_place_on_earth(latitude_deg, longitude_deg) and isfinite(alt_m):
             self._places.append((t_s, Geodetic(latitude_deg, longitude_deg, alt_m)))
+        else:
+            self._no_places += 1
 
     def yaw(self, t_s: float, yaw_rad: float) -> None:
         """Add a heading."""
@@ -53,8 +56,11 @@ class TrackBuilder:
 
     @property
     def problems(self) -> tuple[str, ...]:
-        """Return in words how many local positions were left out; empty for none."""
-        out, of = self._left_out, self._left_out + len(self._local)
+        """Return in words how many positions of the track were left out; empty for none."""
+        out, taken = self._left_out, len(self._local)
+        if not taken and self._places:
+            out, taken = self._no_places, len(self._places)
+        of = out + taken
         return (f"{out} of its {of} positions are invalid, and were left out",) if out else ()
 
     @property

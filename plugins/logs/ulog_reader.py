@@ -73,7 +73,7 @@ def _problems(log: Any, path: Path) -> Iterator[str]:
 def _rows(log: Any, topic: str, names: Collection[str]) -> Iterator[dict[str, float]]:
     """Yield the samples of a topic's first instance, of these fields; times in seconds as `t_s`."""
     for data in log.data_list:
-        if data.name == topic and data.multi_id == 0:
+        if data.name == topic and data.multi_id == 0 and "timestamp" in data.data:
             known = [name for name in ("timestamp", *names) if name in data.data]
             columns = [data.data[name].astype(float).tolist() for name in known]
             for values in zip(*columns, strict=True):

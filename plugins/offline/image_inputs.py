@@ -11,9 +11,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from wil_campaign.foundation.files.images import ImageError, read_image
+from wil_campaign.foundation.files.images import ImageError, decode_image_file, read_image_bytes
 from wil_campaign.foundation.files.limits import MAX_IMAGE_PIXELS
 from wil_campaign.foundation.files.paths import is_file, is_folder
+from wil_campaign.plugins.cameras.camera_images import require_8_bits
 from wil_campaign.plugins.cameras.frame_stamps import checked_frame
 from wil_campaign.plugins.cameras.image_files import VideoFile
 from wil_campaign.plugins.cameras.recorded_camera import ImageFile, RecordedImage
@@ -63,9 +64,13 @@ def read_image_reading(path: Path, side: Source, optics: InputFileOptics) -> Cam
 
 def _read(path: Path, flags: int) -> NDArray[Any]:
     try:
-        return read_image(path, flags)
+        data = read_image_bytes(path)
+        image = decode_image_file(data, flags)
+        if flags == cv2.IMREAD_COLOR:
+            require_8_bits(data)
     except (ImageError, OSError) as error:
         raise OfflineError(f"{path}: cannot be read as an image: {error}") from error
+    return image
 
 
 def read_video_readings(

@@ -176,10 +176,14 @@ class _Reader:
         """Return the whole XML recipe in its YAML form."""
         if root.tag != "recipe_file":
             self._note(root.place, f"the outermost tag is <{root.tag}>, not <recipe_file>")
+        self._refuse_text(root)
         sensors: dict[str, YamlEntry] = {}
         combinations: list[YamlNode] = []
         for child in root.children:
             if child.tag == "AS_sensors":
+                self._refuse_text(child)
+                for key in child.attributes:
+                    self._note(child.place, f"attribute '{key}': each sensor has its own")
                 for sensor in child.children:
                     self._sensor(sensor, sensors)
             elif child.tag == "combine":
@@ -198,6 +202,8 @@ class _Reader:
             meant = closest_word(element.tag, [*_TYPES])
             self._note(element.place, f"<{element.tag}> is not a sensor", meant)
             return
+        self._refuse_text(element)
+        self._refuse_children(element)
         name = self._id(element)
         if name in sensors:
             self._note(element.place, f"sensor '{name}' is declared twice")
@@ -206,6 +212,7 @@ class _Reader:
 
     def _combination(self, element: XmlElement) -> YamlNode:
         """Return the combination of an XML element: its steps by stage, and its merge."""
+        self._refuse_text(element)
         entries = {"sensor": _entry(self._id(element), element.place)}
         entries |= self._attributes(element, ("id",))
         found: dict[Stage, list[YamlNode]] = {"transform": [], "filter": [], "merge": []}
@@ -227,6 +234,7 @@ class _Reader:
 
     def _step(self, element: XmlElement, stage: Stage) -> YamlNode:
         """Return the step that a file name in the XML recipe denotes."""
+        self._refuse_children(element)
         place = element.text_place or element.place
         file = element.text
         given = self._attributes(element, ())
@@ -249,6 +257,18 @@ class _Reader:
         if not parameters:
             return YamlNode(name, place)
         return mapping_node({name: YamlEntry(place, mapping_node(parameters, place))}, place)
+
+    def _refuse_text(self, element: XmlElement) -> None:
+        """Note text of an XML element that has none."""
+        if element.text:
+            place = element.text_place or element.place
+            self._note(place, f"<{element.tag}> has no text of its own: '{element.text:.40}'")
+
+    def _refuse_children(self, element: XmlElement) -> None:
+        """Note elements in an XML element that has parameters as attributes alone."""
+        for child in element.children:
+            attribute = f'{child.tag}="{child.text:.40}"'
+            self._note(child.place, f"<{child.tag}> in <{element.tag}>: write it as {attribute}")
 
     def _id(self, element: XmlElement) -> str:
         """Return the id of an XML element; a missing one is noted."""

@@ -1,6 +1,7 @@
 """Converts ROS 2 messages, as mcap-ros2-support decodes them, to readings; pure.
 
-Axes by REP 103: a body's forward, left, up; the world's east, north, up. Only those fields of
+Axes by REP 103: a body's forward, left, up; of frames that end in `_optical` right, down, forward;
+the world's east, north, up. Only those fields of
 sensor_msgs, geometry_msgs and nav_msgs are read that all versions of ROS 2 have.
 """
 
@@ -47,6 +48,8 @@ _FIX_TYPES: Mapping[int, int] = MappingProxyType({0: 3, 1: 4, 2: 5})
 """GPS_FIX_TYPE of MAVLink by NavSatStatus: a fix, with SBAS, with ground stations (RTK float)."""
 _FLOATS: Mapping[int, str] = MappingProxyType({7: "f4", 8: "f8"})
 """NumPy's format by PointField.datatype."""
+_OPTICAL = ("_optical", "_optical_frame")
+"""Ends of frame_id (REP 103, "Suffix Frames"); drivers write the second."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,10 +134,13 @@ def _points(message: Any, when: SampleStamps) -> LidarPointsReading:
     step = message.row_step if message.height > 1 else row_bytes
     rows = (data[row * step : row * step + row_bytes] for row in range(message.height))
     cloud = np.frombuffer(b"".join(rows), kind, count=message.width * message.height)
-    flu_m = np.stack([cloud[name] for name in names], axis=-1).astype(np.float32)
+    xyz_m = np.stack([cloud[name] for name in names], axis=-1).astype(np.float32)
+    xyz_m = xyz_m[np.isfinite(xyz_m).all(axis=1)]
+    is_optical = _is_optical(message)
+    frd_m = np.roll(xyz_m, 1, axis=1) if is_optical else xyz_m * np.array((1, -1, -1), np.float32)
     return LidarPointsReading(
         *when.stamps,
-        points_frd_m=flu_m[np.isfinite(flu_m).all(axis=1)] * np.array((1, -1, -1), np.float32),
+        points_frd_m=frd_m,
         mount=when.mount,
     )
 
@@ -158,9 +164,20 @@ def _imu(message: Any, when: SampleStamps) -> ImuReading:
             raise BadMessageError(f"it has no {name} ({name}_covariance begins with -1)")
     return ImuReading(
         *when.stamps,
-        specific_force_frd_m_s2=frd_from_flu(_vector(message.linear_acceleration)),
-        rates_frd_rad_s=frd_from_flu(_vector(message.angular_velocity)),
+        specific_force_frd_m_s2=_frd(message, message.linear_acceleration),
+        rates_frd_rad_s=_frd(message, message.angular_velocity),
     )
+
+
+def _is_optical(message: Any) -> bool:
+    """Return whether a message's axes are those of an image: right, down, forward."""
+    return str(message.header.frame_id).endswith(_OPTICAL)
+
+
+def _frd(message: Any, three: Any) -> Vec3:
+    """Return a vector of a message's frame, forward, right, down."""
+    right, down, forward = vector = _vector(three)
+    return (forward, right, down) if _is_optical(message) else frd_from_flu(vector)
 
 
 def _gps(message: Any, when: SampleStamps) -> GpsReading:

@@ -30,6 +30,8 @@ _ROS1_IMAGE = ("ros1", "ros1msg", "sensor_msgs/Image")
 """Encodings and name of the only message of ROS 1 that is read."""
 _LATE_S = 5.0
 """A message that is logged more than this after its stamp was stamped by another clock."""
+_JUMP_S, _FASTEST = 10.0, 100.0
+"""A stamp may be so much later than the log times tell: of a simulation, so many times faster."""
 _FAULTS = (
     McapError,
     ValueError,
@@ -159,7 +161,8 @@ class TopicDecoders:
         """Return a message's time: its stamp, or when that is 0 (unset) its log time.
 
         The first stamp of a simulation's time may be 0, too: the later ones go on from the log time
-        of the first, else all of them would be older than it.
+        of the first, else all of them would be older than it. Raises RecordingError where the
+        sender's clock was set between two messages: the later ones would not be due for years.
         """
         last = self._last_s.get(channel_id)
         t_s = stamped_s + self._shift_s.get(channel_id, 0.0) if stamped_s else logged_s
@@ -169,6 +172,14 @@ class TopicDecoders:
                 t_s = expected_s
                 if stamped_s:
                     self._shift_s[channel_id] = t_s - stamped_s
+        if last is not None:
+            step_s, by_log_s = t_s - last.t_s, logged_s - last.logged_s
+            if step_s > _JUMP_S + _FASTEST * max(0.0, by_log_s):
+                raise RecordingError(
+                    f"a stamp is {step_s:.6g} s after the one before, and was logged "
+                    f"{by_log_s:.3g} s after it: the sender's clock was set; cut the recording "
+                    "there"
+                )
         self._last_s[channel_id] = _Timed(t_s, logged_s, bool(stamped_s))
         return t_s
 

@@ -10,6 +10,7 @@ from cyclopts import Parameter
 
 from wil_campaign.foundation.files.document_writer import write_atomically
 from wil_campaign.foundation.files.problems import printable_problem
+from wil_campaign.foundation.files.yaml_nodes import yaml_of_word
 from wil_campaign.hooks import starter_options, starters
 from wil_campaign.installed_plugins import absent_additions, load_plugin_object, plugin_additions
 from wil_campaign.orchestrator.cli.plugin_options import (
@@ -156,7 +157,7 @@ def _from_log(log: Path, name: str, *, profile: bool) -> dict[str, str]:
 def _filled(source: str, name: str) -> str:
     """Return a starter file with the campaign's name."""
     text = (files("wil_campaign.plugins.start") / "starter" / source).read_text("utf-8")
-    return text.replace("@NAME@", name).replace("@INSTALL@", _install_step())
+    return text.replace("@NAME@", yaml_of_word(name)).replace("@INSTALL@", _install_step())
 
 
 def _install_step() -> str:

@@ -28,6 +28,7 @@ from wil_campaign.installed_plugins import (
 )
 from wil_campaign.orchestrator.cli import main
 from wil_campaign.orchestrator.report.campaign_report import write_report
+from wil_campaign.plugins.doctor.installed import plugin_findings
 from wil_campaign.recipes.model.registry import registered_steps
 from wil_campaign.safety.guard.process.guard_config import GuardConfig
 from wil_campaign.safety.oracles.registry import oracle_kinds
@@ -276,6 +277,16 @@ def test_a_plugin_of_another_distribution_is_listed_and_its_command_runs(
     assert rows["calibration"]["origin"] == "shipped"
     assert main(["ping", "--times", "2"]) == 5
     assert "ping ping" in capsys.readouterr().out
+
+
+def test_what_a_plugin_prints_at_its_import_is_in_no_document(
+    install: Install, capsys: pytest.CaptureFixture[str]
+) -> None:
+    install(f"{SONAR}\nprint('sonar 1.2')\n")
+    assert main(["list", "plugins", "--json"]) == 0
+    said = capsys.readouterr()
+    assert "sonar" in {row["name"] for row in json.loads(said.out)}
+    assert said.err == "sonar 1.2\n"
 
 
 def test_runs_fly_by_an_engine_of_another_distribution(
@@ -772,10 +783,21 @@ def test_a_part_that_cannot_be_used_is_named_once(
             THIRD,
             "autopilots() fails: ValueError: 'third' has no emulation; mend it, or ",
         ),
+        ("raise SystemExit(0)", "cannot be used: SystemExit: 0; mend it, or "),
+        (
+            SONAR.replace("return (Command", "return exit() or (Command"),
+            "commands() fails: SystemExit: None; mend it, or ",
+        ),
+        (
+            SONAR.replace(
+                'return (Command("ping", "wil_sonar:ping", "Send a ping."),', "return (7,"
+            ),
+            "commands() fails: TypeError: it gives int, not Command; mend it, or ",
+        ),
     ],
     ids=[
         *("import", "hook", "fails", "core's", "plugin's", "key", "plugin's key"),
-        *("autonomy's key", "autopilot"),
+        *("autonomy's key", "autopilot", "exits", "hook exits", "other kind"),
     ],
 )
 def test_a_plugin_that_cannot_be_used_is_named(
@@ -786,6 +808,63 @@ def test_a_plugin_that_cannot_be_used_is_named(
     shown = capsys.readouterr().err
     assert shown.startswith(f"plugin sonar (wil-sonar 1.2): {said}")
     assert shown.splitlines()[1:] in ([], ["1 problem in 1 file"])
+
+
+@pytest.mark.parametrize("command", ["abort", "hold", "resume"])
+def test_vehicles_are_landed_whatever_a_plugin_is(
+    install: Install, tmp_path: Path, capsys: pytest.CaptureFixture[str], command: str
+) -> None:
+    """`abort` was refused, with 2, once a plugin that cannot be imported was installed."""
+    nothing_flies = tmp_path / "nothing-flies"
+    words = [command, str(nothing_flies)]
+    code = main(words)
+    said = capsys.readouterr()
+    assert str(nothing_flies) in said.err + said.out
+    install("raise RuntimeError('boom')")
+    assert main(words) == code
+    now = capsys.readouterr()
+    assert now.out == said.out
+    why = "plugin sonar (wil-sonar 1.2): cannot be used: RuntimeError: boom; mend it, or uninstall"
+    assert now.err == f"{why} it\n{said.err}"
+
+
+def test_a_plugin_with_the_name_of_another_one_is_named_in_a_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """It was followed by the list of all plugins, 9 kB."""
+    put_distribution(tmp_path, "lidar", "wil_sonar", {"wil_sonar.py": SONAR})
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.delitem(sys.modules, "wil_sonar", raising=False)
+    forget_plugins()
+    try:
+        assert main(["list", "plugins"]) == 2
+    finally:
+        forget_plugins()
+    said = "plugin lidar (wil-lidar 1.2): its name is there already, of "
+    said += "wil_campaign.plugins.lidar.plugin; mend it, or uninstall it\n"
+    assert capsys.readouterr().err == said
+
+
+@pytest.mark.parametrize(
+    ("change", "listed"), [(('"calm"', '"collision"'), 2), (('"wil_sonar:calm"', '"gone:calm"'), 0)]
+)
+def test_doctor_finds_a_plugin_that_no_campaign_flies_with(
+    install: Install, capsys: pytest.CaptureFixture[str], change: tuple[str, str], listed: int
+) -> None:
+    """Of both, doctor said nothing, and of a name that is there `list plugins` neither."""
+    install(ONE_FILE.replace(*change))
+    assert main(["list", "plugins"]) == listed
+    capsys.readouterr()
+    (found,) = plugin_findings()
+    assert found.grade == "trouble"
+    assert found.text.startswith("plugin sonar (wil-sonar 1.2): oracles(): ")
+
+
+def test_doctor_names_the_plugins_of_others(install: Install) -> None:
+    assert list(plugin_findings()) == []
+    install(ONE_FILE)
+    (found,) = plugin_findings()
+    assert (found.grade, found.text) == ("good", "plugins of others: sonar (wil-sonar 1.2)")
 
 
 def test_an_unfinished_class_of_a_plugin_is_named(
@@ -1050,7 +1129,8 @@ def test_gate_flies_without_any_plugin_and_absent_parts_are_named(tmp_path: Path
     assert codes[3:] == [2] * (len(words) - 3)
     for name in named:
         assert f"'{name}' is of the plugin " in done.stderr
-    assert "which is not installed: pip install " in done.stderr
+    # No index has the program: by its name pip found none, or a stranger's.
+    assert "which is not installed: pip install --force-reinstall --no-deps SOURCE" in done.stderr
     line = r"search-gate\.yaml:\d+:\d+: 'search' is of the plugin search, which is not installed: "
     assert re.search(line, done.stderr)
     # Of the run: report.html, statistics.json.

@@ -98,3 +98,7 @@ def test_much_disk_is_warned_of_before_the_flight(
         assert text is not None
         assert text.startswith("warning: 11 flights may write 1.1 GB (")
         assert "9000.0 GB are free" in text
+    if flights == 3 and warned:
+        assert text is not None
+        assert "3 flights may write 300 MB (" in text
+        assert "; 500 MB are free" in text

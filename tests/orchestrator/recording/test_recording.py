@@ -61,6 +61,22 @@ def test_a_video_plays_and_keeps_its_times(tmp_path: Path) -> None:
     assert np.diff(times) == pytest.approx(0.1, abs=1e-3)
 
 
+@pytest.mark.parametrize(
+    "times_s", [[k / 60 for k in range(9)], [0.0, 0.2, 0.21, 1.0], [0.017 * k for k in range(9)]]
+)
+def test_a_video_keeps_times_that_are_nearer_than_its_rate(
+    tmp_path: Path, times_s: list[float]
+) -> None:
+    """Two within a tick of 1/30 s were an internal error of `mix` and of `report --video`."""
+    path = tmp_path / "mixed.mp4"
+    with VideoWriter(path=path, rate_hz=30) as video:
+        for k, t_s in enumerate(times_s):
+            video.write(t_s, picture(10 * k))
+    with av.open(str(path)) as container:
+        found = [float(frame.time or 0.0) for frame in container.decode(video=0)]
+    assert found == pytest.approx(times_s, abs=1e-4)
+
+
 def test_a_video_whose_writer_was_killed_plays_up_to_the_last_second(tmp_path: Path) -> None:
     path = tmp_path / "mixed.mp4"
     with VideoWriter(path=path, rate_hz=10) as video:

@@ -16,12 +16,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from mcap.writer import IndexType, Writer
+from PIL import Image
 
 from wil_campaign.foundation.clocks.virtual_loop import run_virtual
 from wil_campaign.plugins.cameras.compressed_image import CompressedImage, decoder_for
 from wil_campaign.plugins.cameras.image_files import ImageFolder, VideoFile
 from wil_campaign.plugins.cameras.mcap_images import McapFile
 from wil_campaign.plugins.cameras.recorded_camera import ImageFile, RecordedCamera
+from wil_campaign.plugins.offline.errors import OfflineError
+from wil_campaign.plugins.offline.image_inputs import InputFileOptics, read_image_reading
 from wil_campaign.plugins.readings.messagepack import BadMessageError
 from wil_campaign.vehicles.readings import CameraReading
 from wil_campaign.vehicles.sources.camera_source import CameraSource, ImageChangedError, SourceError
@@ -93,6 +96,13 @@ def test_a_folder_plays_in_the_order_of_its_numbers(tmp_path: Path) -> None:
     assert [r.t_s for r in readings] == pytest.approx([0.0, 0.05, 0.1])
 
 
+def test_a_folder_whose_names_are_times_plays_in_their_order(tmp_path: Path) -> None:
+    """`str(time.time())` has as few digits as it can: .5 was before .25."""
+    names = ["1700000000.5.png", "1700000000.25.png", "1700000001.0.png", "1700000000.125.png"]
+    readings = played(ImageFolder(path=folder(tmp_path / "images", names), rate_hz=20.0))
+    assert levels(readings) == [4, 2, 1, 3]
+
+
 def test_a_reader_that_is_slow_misses_images_as_with_a_camera(tmp_path: Path) -> None:
     path = folder(tmp_path / "images", [f"{k}.png" for k in range(10)])
 
@@ -132,6 +142,38 @@ def test_a_file_that_cannot_be_played_is_refused_in_words(tmp_path: Path) -> Non
         ImageFolder(path=tmp_path, rate_hz=0)
 
 
+@pytest.mark.parametrize("kind", [".jpg", ".png", ".webp", ".tif"])
+def test_a_picture_that_is_marked_as_rotated_is_refused_as_a_video_is(
+    tmp_path: Path, kind: str
+) -> None:
+    """It was played lying on its side, or upside down."""
+    path = folder(tmp_path / "images", ["1.png"])
+    marked = Image.Exif()
+    for orientation in (1, 6):
+        marked[0x0112] = orientation
+        with Image.open(path / "1.png") as image:
+            image.save(path / f"{orientation}0{kind}", exif=marked)
+    refused(
+        ImageFolder(path=path, rate_hz=5),
+        rf"60{kind}: cannot be .*\(EXIF orientation 6\), .*mogrify",
+    )
+    (path / f"60{kind}").unlink()
+    assert len(played(ImageFolder(path=path, rate_hz=5))) == 2
+
+
+@pytest.mark.parametrize("kind", [".png", ".tif"])
+@pytest.mark.parametrize("channels", [1, 3])
+def test_a_picture_of_16_bits_is_refused(tmp_path: Path, kind: str, channels: int) -> None:
+    """The white of a sensor of 12 bits was 15 of 255."""
+    path = tmp_path / "images"
+    path.mkdir()
+    shape = (24, 32, 3)[: 2 + (channels == 3)]
+    cv2.imwrite(str(path / f"1{kind}"), np.full(shape, 4095, np.uint16))
+    refused(ImageFolder(path=path, rate_hz=5), "it has 16 bits a channel, .*scale it to 8 bits")
+    with pytest.raises(OfflineError, match="it has 16 bits a channel"):
+        read_image_reading(path / f"1{kind}", "real", InputFileOptics(69.0))
+
+
 def test_a_picture_of_another_size_ends_it(tmp_path: Path) -> None:
     path = folder(tmp_path / "images", ["1.png", "2.png"])
     cv2.imwrite(str(path / "3.png"), np.zeros((24, 32, 3), np.uint8))
@@ -146,6 +188,40 @@ def test_a_video_cut_short_ends_or_says_so(tmp_path: Path) -> None:
     assert len(played(VideoFile(path=path))) == 40
     path.write_bytes(path.read_bytes()[: path.stat().st_size * 3 // 4])
     refused(VideoFile(path=path), "is cut off: its last image is at")
+
+
+def mjpeg(path: Path, times_s: list[float]) -> Path:
+    noise = np.random.default_rng(1)
+    with av.open(str(path), "w", options={"movflags": "faststart"}) as container:
+        stream: Any = container.add_stream("mjpeg", rate=10)
+        stream.width, stream.height, stream.pix_fmt = 64, 48, "yuvj420p"
+        for t_s in times_s:
+            image = noise.integers(0, 256, (48, 64, 3), np.uint8)
+            frame = av.VideoFrame.from_ndarray(image, format="bgr24")
+            frame.pts, frame.time_base = round(t_s * 10), Fraction(1, 10)
+            container.mux(stream.encode(frame))
+        container.mux(stream.encode())
+    return path
+
+
+@pytest.mark.parametrize("name", ["v.avi", "v.mov"])
+def test_a_video_of_single_images_that_was_cut_short_says_so(tmp_path: Path, name: str) -> None:
+    """Half of it was played as all of it."""
+    path = mjpeg(tmp_path / name, [k / 10 for k in range(40)])
+    assert len(played(VideoFile(path=path))) == 40
+    with av.open(str(path)) as container:
+        ends = [packet.pos + packet.size for packet in container.demux(video=0) if packet.pos]
+    path.write_bytes(path.read_bytes()[: ends[29]])
+    refused(VideoFile(path=path), "is cut off: its last image is at 2.900 s, and it states 4.000 s")
+
+
+def test_a_video_whose_last_image_is_shown_for_long_is_whole(tmp_path: Path) -> None:
+    path = mjpeg(tmp_path / "v.mov", [0.0, 0.1, 0.2])
+    whole = VideoFile(path=path)
+    whole.open()
+    whole._stated_s = 60.0
+    assert [whole.next() is not None for _ in range(4)] == [True, True, True, False]
+    whole.close()
 
 
 def test_closing_waits_for_the_reading_thread(tmp_path: Path) -> None:

@@ -45,17 +45,53 @@ def test_missing_packages_are_named() -> None:
     def find(name: str) -> str:
         if name == "numpy":
             raise PackageNotFoundError(name)
-        return "1.0"
+        return "14.0"
 
     needed = ["av>=14", "numpy>=2", "pytest>=8.3; extra == 'test'"]
     found = only(installed.package_findings(find, lambda _: needed))
     assert (found.grade, found.text, found.remedy) == (
         "trouble",
-        "wil-campaign 1.0 lacks numpy",
-        "pip install numpy",
+        "wil-campaign 14.0 lacks numpy",
+        "pip install 'numpy>=2'",
     )
-    good = only(installed.package_findings(lambda _: "1.0", lambda _: needed))
-    assert (good.grade, good.text) == ("good", "wil-campaign 1.0 with the 2 packages that it needs")
+    good = only(installed.package_findings(lambda _: "14.0", lambda _: needed))
+    assert (good.grade, good.text) == (
+        "good",
+        "wil-campaign 14.0 with the 2 packages that it needs",
+    )
+
+
+@pytest.mark.parametrize(
+    ("has", "good"),
+    [("1.26.4", False), ("2.0rc1", True), ("2", True), ("2.9.9", True), ("3.0", False)],
+)
+def test_a_package_of_another_version_is_named(has: str, good: bool) -> None:
+    """It counted among those that are there: one of a system is often too old."""
+    found = only(
+        installed.package_findings(
+            lambda name: has if name == "numpy" else "1.0", lambda _: ["numpy<3,>=2"]
+        )
+    )
+    assert (found.grade == "good") is good
+    if not good:
+        assert found.text == f"wil-campaign 1.0 needs numpy<3,>=2; numpy {has} is installed"
+        assert found.remedy == "pip install 'numpy<3,>=2'"
+
+
+@pytest.mark.parametrize(("runs_on", "grade"), [("aarch64", "good"), ("x86_64", "trouble")])
+def test_a_package_that_a_machine_does_not_need_is_not_missing(
+    monkeypatch: pytest.MonkeyPatch, runs_on: str, grade: str
+) -> None:
+    """On ARM doctor ended with 3, for want of what has no wheel there."""
+
+    def find(name: str) -> str:
+        if name == "jsbsim":
+            raise PackageNotFoundError(name)
+        return "3"
+
+    monkeypatch.setattr("platform.machine", lambda: runs_on)
+    needed = ["jsbsim<2,>=1.2.3; platform_machine != 'aarch64'", "numpy>=2"]
+    assert only(installed.package_findings(find, lambda _: needed)).grade == grade
 
 
 def test_a_missing_mavsdk_is_a_note_with_its_remedy() -> None:
@@ -195,6 +231,14 @@ def test_a_full_disk_and_a_foreign_folder(tmp_path: Path, monkeypatch: pytest.Mo
     assert only(machine.disk_finding(tmp_path)).grade == "trouble"
     monkeypatch.setattr(os, "access", lambda *_: False)
     assert "is not writable" in only(machine.disk_finding(tmp_path)).text
+
+
+@pytest.mark.parametrize("below", ["", "deep/er"])
+def test_results_where_a_file_is_are_trouble(tmp_path: Path, below: str) -> None:
+    """It was good, by the space in the folder of that file; `run` refused it."""
+    (tmp_path / "file").write_text("")
+    found = only(machine.disk_finding(tmp_path / "file" / below))
+    assert (found.grade, found.text) == ("trouble", f"{tmp_path / 'file'} is no folder")
 
 
 def test_links_of_campaigns_are_tried(tmp_path: Path) -> None:

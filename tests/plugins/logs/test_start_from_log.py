@@ -1,6 +1,7 @@
 """`init --from LOG`: a campaign around a logged flight, and what cannot be one."""
 
 import math
+import re
 import struct
 from pathlib import Path
 from types import SimpleNamespace
@@ -27,7 +28,10 @@ from wil_campaign.plugins.logs.logged_flight import (
     PowerSample,
     TrackPoint,
 )
-from wil_campaign.plugins.logs.start import battery_of_flight
+from wil_campaign.plugins.logs.ros_bag_reader import _receive_pose
+from wil_campaign.plugins.logs.start import battery_of_flight, files_from_log
+from wil_campaign.plugins.logs.tlog_reader import _frames, _Skipped
+from wil_campaign.plugins.logs.track_builder import TrackBuilder
 from wil_campaign.vehicles.embedded.autopilot.flight.parameter_table import (
     ParameterTable,
     TableParameter,
@@ -174,6 +178,8 @@ def test_a_campaign_of_a_log_validates(tmp_path: Path, capsys: Capture) -> None:
     ]
     profile = yaml.safe_load((place / "profile.yaml").read_text())
     assert profile["battery"]["full_v"] == 16.8
+    said = (place / "profile.yaml").read_text().splitlines()[0]
+    assert "; its 4 cells are a guess, by the greatest voltage. The rest" in said
     assert profile["battery"]["hover_current_a"] == 15.0
     assert profile["airframe"]["mass_kg"] == 0.5, "a log does not tell it"
 
@@ -291,6 +297,9 @@ def test_a_place_without_a_fix_is_no_place(tmp_path: Path) -> None:
     flight = read_log(write_bag(tmp_path / "fix.mcap", bag))
     assert flight.origin is not None
     assert (flight.origin.latitude_deg, len(flight.track)) == (47.0, 2)
+    assert "1 of its 3 positions are invalid, and were left out" in flight.problems
+    height = "the origin's altitude is above the ellipsoid, not above mean sea level"
+    assert height in flight.problems, "48 m in Zurich"
 
 
 def test_a_bag_with_a_damaged_definition_is_refused(tmp_path: Path) -> None:
@@ -366,3 +375,96 @@ def test_of_two_estimators_in_a_dataflash_log_one_is_the_track(tmp_path: Path) -
 def test_a_log_that_is_not_there_is_refused(tmp_path: Path, capsys: Capture) -> None:
     assert main(["init", "again", "--in", str(tmp_path), "--from", str(tmp_path / "no")]) == 2
     assert "No such file" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("back_s", [3.0, 100.0])
+def test_a_tlog_whose_clock_was_set_back_is_led_on(tmp_path: Path, back_s: float) -> None:
+    """By 3 s its course went to and fro at 12 m/s, by 100 s it had never left the ground."""
+    path = write_tlog(tmp_path / "flight.tlog")
+    stamped = list(_frames(path.read_bytes(), _Skipped()))
+    begin_s = stamped[0][0]
+    path.write_bytes(
+        b"".join(
+            struct.pack(">Q", round((t_s - (back_s if t_s - begin_s > 5.0 else 0.0)) * 1e6)) + raw
+            for t_s, raw in stamped
+        )
+    )
+    flight = read_log(path)
+    course = course_of_flight(flight)
+    assert course is not None
+    assert [point[:2] for point in course.waypoints] == [(8, 0), (8, 4), (8, 4)]
+    assert course.duration_s == pytest.approx(11.0, abs=0.2)
+    (problem,) = flight.problems
+    assert re.fullmatch(r"its clock goes back by [\d.]+ s, and is led on from there", problem)
+
+
+def _course(*places: tuple[float, float, float]) -> tuple[str, ...]:
+    """Return the problems of a course that rises 3 m in 3 s, and then is at (t_s, north, up)."""
+    rise = [TrackPoint(k * 0.1, 0.0, 0.0, k * 0.1, None) for k in range(31)]
+    track = [*rise, *(TrackPoint(t_s, north_m, 0.0, up_m, None) for t_s, north_m, up_m in places)]
+    course = course_of_flight(LoggedFlight(kind="made up", track=track))
+    assert course is not None
+    return course.problems
+
+
+@pytest.mark.parametrize(
+    ("places", "said"),
+    [
+        ([(3.0 + k, float(k), 3.0) for k in range(9)], ""),
+        ([(4.0, 0.0, 3.0), (3604.0, 1.0, 3.0)], "gaps in its positions in the air: 1, of up to 36"),
+        ([(4.0, 0.0, 3.0), (4.1, 50.0, 3.0)], "jumps of its position: 1, of up to 50.0 m, as"),
+        ([(3.0 + k, 20.0 * k, 3.0) for k in range(9)], "legs of up to 20.0 m/s are flown at 12 m"),
+        ([(3.0 + k, 2.0 * k, 3.0 - 2 * k) for k in range(9)], "it flew down to 13.0 m below its"),
+    ],
+    ids=["sound", "gap", "jump", "fast", "under"],
+)
+def test_a_course_says_where_it_is_not_what_was_flown(
+    places: list[tuple[float, float, float]], said: str
+) -> None:
+    assert any(problem.startswith(said) for problem in _course(*places)) is bool(said)
+
+
+def test_places_that_are_left_out_of_a_track_are_counted() -> None:
+    track = TrackBuilder()
+    for k in range(10):
+        track.place(float(k), *((47.0, 8.0) if k % 2 else (0.0, 0.0)), 500.0)
+    assert track.problems == ("5 of its 10 positions are invalid, and were left out",)
+
+
+def test_an_unknown_heading_is_marked(tmp_path: Path) -> None:
+    """An orientation of zeros, which nobody set, was a heading of 90 degrees."""
+    zeros = SimpleNamespace(x=0.0, y=0.0, z=0.0, w=0.0)
+    track = TrackBuilder()
+    for k in range(40):
+        position = SimpleNamespace(x=0.0, y=0.0, z=min(3.0, 0.1 * k))
+        _receive_pose(track, 0.1 * k, SimpleNamespace(position=position, orientation=zeros))
+    assert {point.yaw_rad for point in track.track} == {None}
+    path = write_tlog(tmp_path / "flight.tlog")
+    assert "yaw_deg: 30.0}\n" in files_from_log(path, "x", profile=False)["campaign.yaml"]
+    codec = MavlinkCodec(system_id=7, component_id=1)
+    stamped = [
+        (t_s, raw)
+        for t_s, raw in _frames(path.read_bytes(), _Skipped())
+        if next(iter(codec.split(raw))).message_id != mavlink.MAVLINK_MSG_ID_ATTITUDE
+    ]
+    path.write_bytes(b"".join(struct.pack(">Q", round(t_s * 1e6)) + raw for t_s, raw in stamped))
+    text = files_from_log(path, "x", profile=False)["campaign.yaml"]
+    assert text.count("yaw_deg: 0.0}  # its heading is unknown\n") == 2
+
+
+def test_a_format_without_a_length_ends_a_dataflash_log(tmp_path: Path) -> None:
+    """pymavlink read its message for ever."""
+    path = vehicle_log(DataFlash, tmp_path / "flight.bin")
+    data = bytearray(path.read_bytes())
+    at = data.index(b"XKF1") - 1
+    data[at : at + 1] = b"\0"
+    data[at + 5 : at + 21] = bytes(16)
+    path.write_bytes(data)
+    with pytest.raises(FlightLogError, match="has no length"):
+        read_log(path)
+
+
+def test_samples_of_a_ulog_without_times_are_none(tmp_path: Path) -> None:
+    path = vehicle_log(ULog, tmp_path / "flight.ulg")
+    path.write_bytes(path.read_bytes().replace(b"uint64_t timestamp", b"uint64_t timestamq"))
+    assert read_log(path).track == []

@@ -152,6 +152,23 @@ def test_a_file_beside_the_recipe_comes_before_the_built_in(tmp_path: Path) -> N
         ("<recipe_file>", "<recipe>", 15, "mismatched tag"),
         ("<recipe_file>", '<!DOCTYPE x [<!ENTITY a "b">]><recipe_file>', 1, "document type"),
         ('by="min"', 'by="[min"', 13, "attribute 'by'"),
+        # These were left out without a word.
+        ("<AS_sensors>", '<AS_sensors rate_hz="5">', 2, "attribute 'rate_hz': each sensor has"),
+        ("<AS_sensors>", "<AS_sensors>5 Hz", 2, "<AS_sensors> has no text of its own: '5 Hz'"),
+        (
+            '<Camera id="camera1"/>',
+            '<Camera id="camera1"><rate_hz>5</rate_hz></Camera>',
+            3,
+            '<rate_hz> in <Camera>: write it as rate_hz="5"',
+        ),
+        ('id="camera2"/>', 'id="camera2">5 Hz</Camera>', 4, "<Camera> has no text of its own"),
+        ('id="camera1">', 'id="camera1">max_skew_ms=60', 7, "<combine> has no text of its own"),
+        (
+            "color_isolation.py ",
+            "color_isolation.py <name>blue</name>",
+            9,
+            '<name> in <filter>: write it as name="blue"',
+        ),
     ],
 )
 def test_faults_have_places_in_the_xml(

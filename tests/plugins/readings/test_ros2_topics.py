@@ -121,6 +121,16 @@ def test_a_stamp_of_0_loses_no_reading(
     )
 
 
+def test_a_sender_whose_clock_was_set_is_named(tmp_path: Path) -> None:
+    """No later reading was due in the flight: 'no rangefinder reading for 1 s'."""
+    schema = "sensor_msgs/msg/Range"
+    told = [("/it", schema, AT_S + t_s, distance(2.0)) for t_s in (0.0, 0.02, 3600.0, 3600.02)]
+    logged_s = [AT_S + 0.01 + 0.02 * k for k in range(4)]
+    bag = write_bag(tmp_path / "bag.mcap", told, logged_s=logged_s)
+    with pytest.raises(SourceError, match=r"3599.98 s after .* clock was set; cut the recording"):
+        read(bag, "rangefinder")
+
+
 @pytest.mark.parametrize(
     ("said", "meant"), [(2.5, 2.5), (9.0, math.inf), (math.inf, math.inf), (-math.inf, 0.25)]
 )
@@ -287,6 +297,20 @@ def test_points_are_forward_right_down(tmp_path: Path, order: str) -> None:
     assert isinstance(found, LidarPointsReading)
     assert found.points_frd_m.tolist() == [[1.0, -2.0, -3.0], [4.0, 5.0, 6.0]]
     assert found.points_frd_m.dtype == np.float32
+
+
+@pytest.mark.parametrize("frame", ["camera_depth_optical_frame", "front_optical"])
+def test_an_optical_frame_is_right_down_forward(tmp_path: Path, frame: str) -> None:
+    """What was 2 m in front of a depth camera was 2 m above it."""
+    stamp = {"sec": int(AT_S), "nanosec": round(AT_S % 1.0 * 1e9)}
+    header = {"header": {"stamp": stamp, "frame_id": frame}}
+    points = {**cloud((0.25, 0.5, 2.0)), **header}
+    found = one_of(tmp_path, "lidar_points", "sensor_msgs/msg/PointCloud2", points)
+    assert found.points_frd_m.tolist() == [[2.0, 0.25, 0.5]]
+    at_rest = imu(linear_acceleration=vector(0.25, -9.81, 0.5), angular_velocity=vector(1, 2, 3))
+    felt = one_of(tmp_path, "imu", "sensor_msgs/msg/Imu", {**at_rest, **header})
+    assert felt.specific_force_frd_m_s2 == (0.5, 0.25, -9.81)
+    assert felt.rates_frd_rad_s == (3.0, 1.0, 2.0)
 
 
 def test_padding_behind_the_rows_of_a_cloud_is_no_point(tmp_path: Path) -> None:

@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 import yaml
 
+from tests.plugins.logs.logs_of_flights import write_tlog
 from wil_campaign.campaigns.expansion.expansion import load_campaign
 from wil_campaign.campaigns.schema.vehicles import BodyPart
 from wil_campaign.campaigns.setup.vehicle_setups import EMBEDDED_BODY
@@ -130,6 +131,16 @@ def test_a_blind_flight_straight_on_misses_the_gate_by_far(tmp_path: Path) -> No
     shape = gate["shape"]["gate"]
     nearest_bar_m = gate["pose"]["east_m"] - shape["inner_size_m"] / 2 - shape["bar_m"]
     assert nearest_bar_m - VEHICLE_WIDTH_M / 2 >= 0.3
+
+
+@pytest.mark.parametrize("name", ["123", "1e3", "0x1f", "null", "1.5"])
+def test_a_name_that_yaml_reads_as_a_number_is_a_name(tmp_path: Path, name: str) -> None:
+    """What `init 123` wrote, `validate` refused: 'must be text, is 123'."""
+    log = write_tlog(tmp_path / "flight.tlog")
+    for words in ([], ["--profile"], ["--from", str(log)]):
+        folder = tmp_path / f"{name}{len(words)}{words[:1]}"
+        assert main(["init", name, "--in", str(folder), *words]) == 0
+        assert load_campaign(folder / "campaign.yaml").name == name
 
 
 def test_nothing_is_overwritten(tmp_path: Path, capsys: Capture) -> None:

@@ -4,6 +4,7 @@ World, recipe and campaign files share this: `load` a file, `check` it against a
 report what else is wrong with `Document.problem`.
 """
 
+import codecs
 import json
 import re
 import stat
@@ -266,6 +267,8 @@ def parse_option_value(text: str, *, name: str) -> YamlEntry:
 
 def _decode(content: bytes, source: YamlSource) -> str:
     """Return a document's bytes as text. Raises BadInput when they are no UTF-8 text."""
+    if content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        raise BadInput([YamlPlace(source).problem("is UTF-16 text; save it as UTF-8")])
     if b"\0" in content:
         raise BadInput([YamlPlace(source).problem("is not text (it has NUL bytes)")])
     try:

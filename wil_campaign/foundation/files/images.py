@@ -33,11 +33,16 @@ def read_image(path: Path, flags: int = cv2.IMREAD_COLOR) -> NDArray[Any]:
 
     Raises ImageError; OSError when the file cannot be read.
     """
+    return decode_image_file(read_image_bytes(path), flags)
+
+
+def read_image_bytes(path: Path) -> bytes:
+    """Return the bytes of an image file. Raises ImageError, OSError."""
     if not is_file(path):
         raise ImageError("there is no such file")
     if path.stat().st_size > MAX_IMAGE_BYTES:
         raise ImageError(f"it is larger than {MAX_IMAGE_BYTES} bytes")
-    return decode_image_file(path.read_bytes(), flags)
+    return path.read_bytes()
 
 
 def decode_image_file(data: bytes, flags: int = cv2.IMREAD_COLOR) -> NDArray[Any]:

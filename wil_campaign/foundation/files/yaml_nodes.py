@@ -301,6 +301,11 @@ class _Builder:
         return YamlNode(text if event.style or event.tag else _resolve(text), place)
 
 
+def yaml_of_word(word: str) -> str:
+    """Return how a word of letters, digits, dots, dashes and underscores is written as text."""
+    return word if isinstance(_resolve(word), str) else f"'{word}'"
+
+
 def _resolve(text: str) -> Scalar:
     """Return a plain YAML scalar's value by the core schema of YAML 1.2 (section 10.3.2)."""
     if text in _WORDS:

@@ -199,7 +199,7 @@ def test_aliases_do_not_get_round_the_depth() -> None:
     [
         (b"a: 1\nb: \xff", "x.yaml:2:4: is not UTF-8 text"),
         (b"\x7fELF\x00\x00", "x.yaml: is not text (it has NUL bytes)"),
-        ("a: 1".encode("utf-16"), "x.yaml: is not text (it has NUL bytes)"),
+        ("a: 1".encode("utf-16"), "x.yaml: is UTF-16 text; save it as UTF-8"),
     ],
 )
 def test_a_file_that_is_no_text_is_reported(content: bytes, said: str) -> None:
