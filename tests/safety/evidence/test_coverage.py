@@ -284,7 +284,7 @@ def test_only_a_vehicle_that_left_ends_what_no_oracle_depends_on(
     """Its positions end with it."""
     evidence = Evidence((terms(required=required),))
     for stage in ("takeoff", "goal"):
-        evidence.stage(StageSample(1.0, stage))  # type: ignore[arg-type]
+        evidence.stage(StageSample(1.0, stage))
     for tick in range(100, 300):
         evidence.pose(pose(tick / 100))
     evidence.drop_out(DropOutSample(3.0, left))
