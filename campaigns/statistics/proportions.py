@@ -12,6 +12,17 @@ class RateInterval:
     high: float
     confidence: float
 
+    @property
+    def rate_text(self) -> str:
+        """Return the interval of a rate as [low, high]; what only rounds to 0 or 1 has digits."""
+        return f"[{_rate_text(self.low)}, {_rate_text(self.high)}]"
+
+
+def _rate_text(rate: float) -> str:
+    texts = [f"{rate:.{digits}f}" for digits in range(2, 8)]
+    is_certain = rate in {0.0, 1.0}
+    return next((text for text in texts if is_certain or 0.0 < float(text) < 1.0), texts[-1])
+
 
 def clopper_pearson(passed: int, flown: int, *, confidence: float = 0.95) -> RateInterval | None:
     """Return the exact two-sided interval of a pass rate; None without a flight.

@@ -86,8 +86,7 @@ def _sentences(search: SearchCampaign, outcome: SearchOutcome) -> Iterator[str]:
 
 
 def _interval_text(case: FailingCase) -> str:
-    interval = case.interval
-    return "" if interval is None else f"[{interval.low:.2f}, {interval.high:.2f}]"
+    return "" if case.interval is None else case.interval.rate_text
 
 
 def search(

@@ -132,7 +132,7 @@ def _endings(rows: Sequence[HistoryRow]) -> list[str]:
 def _interval_text(row: HistoryRow) -> str:
     """Return the interval of a pass rate; a dash where no flight proved anything."""
     if row.interval is not None:
-        return f"[{row.interval.low:.2f}, {row.interval.high:.2f}]"
+        return row.interval.rate_text
     return "equal runs" if row.flown else "-"
 
 

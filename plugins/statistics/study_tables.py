@@ -137,7 +137,7 @@ def has_modes_to_compare(study: Study) -> bool:
     return bool(study.published.passed) or ("real" in modes and len(modes) > 1)
 
 
-def interval_text(interval: RateInterval | None, digits: int = 2) -> str:
+def interval_text(interval: RateInterval | None, digits: int) -> str:
     """Return an interval as [low, high]; empty for none."""
     return "" if interval is None else f"[{interval.low:.{digits}f}, {interval.high:.{digits}f}]"
 
@@ -149,7 +149,7 @@ def _rate_text(rate: PassRate | None) -> str:
     if rate.deterministic:
         text += " equal runs"
     elif rate.interval is not None:
-        text += f" {interval_text(rate.interval)}"
+        text += f" {rate.interval.rate_text}"
     return f"{text} +{rate.unproven} unproven" if rate.unproven else text
 
 

@@ -72,3 +72,20 @@ def test_a_claim_needs_so_many_flights_without_failure() -> None:
     assert [flights_without_failure(rate) for rate in (0.8, 0.9, 0.95, 0.99)] == [14, 29, 59, 299]
     assert least_pass_rate(59) >= 0.95 > least_pass_rate(58)
     assert least_pass_rate(0) == 0.0
+
+
+@pytest.mark.parametrize(
+    ("passed", "flown", "text"),
+    [
+        (5, 5, "[0.48, 1.00]"),
+        (1000, 1000, "[0.996, 1.00]"),
+        (1, 1000, "[0.00003, 0.01]"),
+        (0, 1000, "[0.00, 0.004]"),
+    ],
+)
+def test_no_end_of_a_rate_is_shown_as_certain_by_rounding(
+    passed: int, flown: int, text: str
+) -> None:
+    interval = clopper_pearson(passed, flown)
+    assert interval is not None
+    assert interval.rate_text == text
