@@ -46,6 +46,8 @@ _KEEPALIVE_S = 5
 _FIRST_WAIT_S, _LONGEST_WAIT_S = 0.5, 15.0
 _FLUSH_S = 3.0
 _MOST_REFUSALS_A_SECOND = 10
+_REFUSED = 0x80
+"""From here on the codes of a SUBACK are refusals; those below are the granted quality."""
 _LOSS = "mqtt (the broker is away)"
 _CONNECTION_ERRORS = (aiomqtt.MqttError, OperatingError, OSError, UnicodeError)
 """Errors of aiomqtt caused by the broker or the network; any other is a bug of this program."""
@@ -225,7 +227,7 @@ class MqttOperator:
             tls_params=self._tls(),
         )
         async with client:
-            await client.subscribe(f"{self._base}/operator/+", qos=1)
+            await _subscribe(client, f"{self._base}/operator/+")
             raise_if_task_cancelled()
             self._reconnected()
             async with asyncio.TaskGroup() as group:
@@ -343,6 +345,16 @@ class MqttOperator:
             f"cannot connect to the MQTT broker {broker}: {why}; start it, correct "
             "operator.mqtt of the campaign, or fly without --broker"
         )
+
+
+async def _subscribe(client: aiomqtt.Client, topics: str) -> None:
+    """Subscribe to the topics of commands. Raises OperatingError where the broker refuses it.
+
+    Its refusal is an answer like any other: without this check no command would ever come.
+    """
+    for granted in await client.subscribe(topics, qos=1):
+        if (granted if isinstance(granted, int) else granted.value) >= _REFUSED:
+            raise OperatingError(f"it does not let this user subscribe to {topics}, where commands come")
 
 
 def _error_text(error: BaseException) -> str:

@@ -440,6 +440,23 @@ async def test_a_broker_that_is_not_there_is_an_error_at_the_start(tmp_path: Pat
             pass
 
 
+async def test_a_broker_that_refuses_the_subscription_is_an_error_at_the_start(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """No command would ever come: the operators' abort neither."""
+
+    def permits(_: BrokerAccess, _user: str | None, action: str, _topic: str) -> bool:
+        return action != "subscribe"
+
+    monkeypatch.setattr(BrokerAccess, "permits", permits)
+    scene = Scene(tmp_path)
+    await scene.start_broker()
+    with pytest.raises(OperatingError, match=r"this user subscribe to wil/gate/operator/\+"):
+        async with connected_mqtt_operator(scene.setup, SECRETS, scene.controller):
+            pass
+    await scene.stop_broker()
+
+
 def test_the_program_ends_with_3_before_anything_flies(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
