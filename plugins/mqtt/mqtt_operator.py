@@ -354,7 +354,9 @@ async def _subscribe(client: aiomqtt.Client, topics: str) -> None:
     """
     for granted in await client.subscribe(topics, qos=1):
         if (granted if isinstance(granted, int) else granted.value) >= _REFUSED:
-            raise OperatingError(f"it does not let this user subscribe to {topics}, where commands come")
+            raise OperatingError(
+                f"it does not let this user subscribe to {topics}, where commands come"
+            )
 
 
 def _error_text(error: BaseException) -> str:

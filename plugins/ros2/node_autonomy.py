@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from functools import partial
 
 from wil_campaign.campaigns.values.sensor_setups import SensorSetup
+from wil_campaign.foundation.files.problems import printable_problem
 from wil_campaign.orchestrator.run.perception.autonomy_calls import AutonomyFault
 from wil_campaign.plugins.ros2.messages.reading_messages import (
     is_stabilized,
@@ -59,6 +60,8 @@ _BLIND_S = 2.0
 _LOOK_S = 0.01
 _HELD_S = 1.0
 """For how long a word waits for the next answer: a camera may have stopped."""
+_LONGEST_WORD = 300
+"""Characters of what a node says, in the reason of a run."""
 _AGAIN_S = 1.0
 """How often latched messages are published again: late subscribers of zenoh miss them."""
 
@@ -171,14 +174,14 @@ class NodeAutonomy:
     def ended(self) -> Command | None:
         """Return the last command where the node has ended by itself with exit code 0.
 
-        None while it runs. Raises AutonomyFault where it crashed.
+        None while it runs. Raises AutonomyFault where it crashed: before its goal an ERROR.
         """
         if self._node is None or not self._node.has_ended:
             return None
         self.hear_abort()
         if self._node.exit_code == 0:
             return Command(_STILL, done=True, note=self._note or "the node ended")
-        raise AutonomyFault(f"is a node that {self._node}: {self._node.last_lines()}")
+        raise AutonomyFault(f"is a node that {self._node.ending}", kind="ERROR")
 
     def hear_abort(self, t_s: float = float("inf")) -> None:
         """Abort the run where the node asks for it, at any stage. Raises AutonomyFault.
@@ -347,7 +350,8 @@ class NodeAutonomy:
         if cdr is None:
             return None
         try:
-            return str(self._types.deserialize(cdr, TEXT).data)
+            text = str(self._types.deserialize(cdr, TEXT).data)
+            return printable_problem(text)[:_LONGEST_WORD]
         except BadRosMessageError as error:
             raise AutonomyFault(f"published a message on {topic} that {error}") from None
 
@@ -422,7 +426,8 @@ class NodeAutonomy:
             message = self._types.deserialize(received.cdr, kind)
             return setpoint_of(message, kind, body)
         except (BadRosMessageError, BadSetpointError) as error:
-            raise AutonomyFault(f"published a setpoint on {name} that {error}") from None
+            what = printable_problem(str(error))[:_LONGEST_WORD]
+            raise AutonomyFault(f"published a setpoint on {name} that {what}") from None
 
 
 def _stamp_text(stamp_ns: int) -> str:

@@ -85,6 +85,10 @@ class FakeNode:
     def has_ended(self) -> bool:
         return self.exit_code is not None
 
+    @property
+    def ending(self) -> str:
+        return f"{self}: {self.last_lines()}"
+
     def last_lines(self) -> str:
         return "its last line"
 
@@ -344,7 +348,26 @@ def test_a_node_that_crashes_fails_with_its_last_lines() -> None:
     rig = Rig()
     rig.act(10.0)
     rig.node.exit_code = 3
-    with pytest.raises(AutonomyFault, match="ended with exit code 3 by itself: its last line"):
+    with pytest.raises(
+        AutonomyFault, match="ended with exit code 3 by itself: its last line"
+    ) as found:
+        rig.act(10.05)
+    assert found.value.kind == "ERROR"  # before its goal; from then on `decide_fault` says FAIL
+
+
+def test_what_a_node_says_is_printable_and_short() -> None:
+    rig, make = Rig(), RosMessages(TYPES)
+    rig.inbox.receive(InMessage("/wil/abort", TEXT, make.text("\x1b[2J\n" + 900 * "a")))
+    rig.act(10.0)
+    assert rig.aborts == ["?[2J?" + 295 * "a"]
+
+
+def test_a_frame_that_cannot_be_printed_is_named_on_one_line() -> None:
+    rig = Rig()
+    rig.act(10.0)
+    there = twist(round((EPOCH_S + 10.05) * 1e9)).replace(b"map\0", b"\x1b\n?\0")
+    rig.inbox.receive(InMessage("/cmd_vel", TWIST, there, "a"))
+    with pytest.raises(AutonomyFault, match=r"is in the frame '\?\?\?': use map"):
         rig.act(10.05)
 
 
