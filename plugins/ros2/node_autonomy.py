@@ -83,7 +83,8 @@ class NodeAutonomy:
     """Flies a vehicle by a node. epoch_s: UTC of the run clock's zero, of which stamps are.
 
     node: its process; None for one that runs already. decide_blind: called with why the node
-    does not get what it needs. abort: called with the reason when the node asks for it.
+    does not get what it needs. decide_cut: called with why the wire to it has ended. abort: called
+    with the reason when the node asks for it.
     px4: what a node of px4_msgs sees of PX4; None without such topics.
     """
 
@@ -98,6 +99,7 @@ class NodeAutonomy:
         epoch_s: float,
         rules: NodeRules,
         decide_blind: Callable[[str], None],
+        decide_cut: Callable[[str], None],
         abort: Callable[[str], None],
         px4: Px4Vehicle | None = None,
     ) -> None:
@@ -107,7 +109,7 @@ class NodeAutonomy:
         self._mounts = sensor_transforms(sensors)
         self._epoch_ns = round(epoch_s * _NS)
         self._rules = rules
-        self._decide_blind, self._abort = decide_blind, abort
+        self._decide_blind, self._decide_cut, self._abort = decide_blind, decide_cut, abort
         self._px4 = px4
         self._latched: dict[str, bytes] = {}
         self._latched_s = self._clock_s = float("-inf")
@@ -198,6 +200,7 @@ class NodeAutonomy:
         Of one time it is published once: a node may divide by the time between two messages.
         is_answered: whether the node has to answer what the barrier names. Raises AutonomyFault.
         """
+        self._is_cut()
         with self._reporting:
             t_s, pose = telemetry.t_s, telemetry.pose
             self._is_answered = is_answered
@@ -262,7 +265,7 @@ class NodeAutonomy:
         if answer is not None:
             self._answer, self._until = answer.setpoint or self._answer, answer.until
             self._answered_s = self._clock_s
-        elif self.ended() is None:
+        elif not self._is_cut() and self.ended() is None:
             raise AutonomyFault(self._unanswered(topic, stamp_ns))
         else:
             self._has_left = True
@@ -273,7 +276,7 @@ class NodeAutonomy:
         Whether it has ended by now is a matter of the machine, and time stands still for it.
         """
         until_s = time.monotonic() + self._rules.barrier_s
-        while self.ended() is None:
+        while not self._is_cut() and self.ended() is None:
             if time.monotonic() >= until_s:
                 where = self._topics.name_of(topic)
                 raise AutonomyFault(
@@ -330,7 +333,15 @@ class NodeAutonomy:
         return self._epoch_ns + round(t_s * _NS)
 
     def _is_gone(self) -> bool:
-        return self._node is not None and self._node.has_ended
+        return self._is_cut() or (self._node is not None and self._node.has_ended)
+
+    def _is_cut(self) -> bool:
+        """Return whether the wire has ended, which decides the run and is no fault of the node."""
+        trouble = self._topics.wire_trouble()
+        if trouble:
+            self._owes_answers = False
+            self._decide_cut(trouble)
+        return bool(trouble)
 
     def _limit(self, t_s: float) -> int | None:
         """Return which words are read by now; None for all, where nothing is answered."""

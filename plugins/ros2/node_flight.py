@@ -210,6 +210,7 @@ class _NodeFlight:
             epoch_s=VIRTUAL_EPOCH_S if is_virtual else time.time() - self._loop.time(),
             rules=self._rules(),
             decide_blind=partial(self._decide_once, "INVALID", "was blind: "),
+            decide_cut=partial(self._decide_once, "ERROR", "cannot be reached: "),
             abort=partial(self._decide_once, "ABORTED", "asked for an abort: "),
             px4=px4,
         )
