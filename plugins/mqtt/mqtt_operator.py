@@ -127,6 +127,7 @@ class MqttOperator:
         self._first: asyncio.Future[None] = asyncio.get_running_loop().create_future()
         self._loss_timer: asyncio.TimerHandle | None = None
         self._connected = False
+        self._has_ended = False
         self._refusals = RateLimit(most=_MOST_REFUSALS_A_SECOND)
         self._answers = CommandAnswers(
             acknowledged=lambda: controller.acknowledged, answer=self._answer_command
@@ -181,7 +182,8 @@ class MqttOperator:
 
     async def finish(self) -> None:
         """Publish the last status, and wait a moment for pending MQTT messages."""
-        self._outbox.put(status_publication(self._controller.summary("ended")))
+        self._has_ended = True
+        self.status()
         deadline_s = asyncio.get_running_loop().time() + _FLUSH_S
         while self._connected and asyncio.get_running_loop().time() < deadline_s:
             if self._outbox.empty:
@@ -210,7 +212,8 @@ class MqttOperator:
     def status(self) -> None:
         """Publish the campaign's status by MQTT."""
         self._answers.update()
-        self._outbox.put(status_publication(self._controller.summary(self._controller.state)))
+        state = "ended" if self._has_ended else self._controller.state
+        self._outbox.put(status_publication(self._controller.summary(state)))
 
     async def _keep_connected(self) -> None:
         will = status_publication({"state": "lost", "session": self._controller.session})
@@ -285,6 +288,8 @@ class MqttOperator:
             self._refuse(kind, error)
             return
         try:
+            if self._has_ended:  # else its last status, which the broker keeps, would be another
+                raise RefusedLineError(f"{kind}: the campaign has ended")
             text = self._controller.obey(command)
         except RefusedLineError as error:
             self._answers.refused(command, str(error))

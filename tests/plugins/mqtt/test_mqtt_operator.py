@@ -440,6 +440,24 @@ async def test_a_broker_that_is_not_there_is_an_error_at_the_start(tmp_path: Pat
             pass
 
 
+async def test_a_command_after_the_end_is_refused_and_changes_no_status(tmp_path: Path) -> None:
+    """The broker kept `landing` of a campaign that had ended, and its exit code was 4."""
+    scene = Scene(tmp_path)
+    client = MqttOperator(setup=scene.setup, secrets_=SECRETS, controller=scene.controller)
+    await client.finish()
+    session = scene.controller.session
+    said = {"session": session, "id": "late", "at": time.time(), "who": "anna"}
+    payload = signed_command("wil/gate/operator/abort", said, TOKEN)
+    client._execute_command("abort", payload, retained=False)
+    client.status()  # as after a command on another way
+    sent = [await client._outbox.take() for _ in range(3)]
+    bodies = [json.loads(publication.payload) for publication in sent]
+    assert [body.get("state") for body in bodies] == ["ended", None, "ended"]
+    assert (bodies[1]["ok"], bodies[1]["text"]) == (False, "abort: the campaign has ended")
+    assert scene.fleet.aborted == []
+    client.close()
+
+
 async def test_a_broker_that_refuses_the_subscription_is_an_error_at_the_start(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
