@@ -45,6 +45,7 @@ _CONNECT_S = 5.0
 _KEEPALIVE_S = 5
 _FIRST_WAIT_S, _LONGEST_WAIT_S = 0.5, 15.0
 _FLUSH_S = 3.0
+_QUIET_LOOKS = 5
 _MOST_REFUSALS_A_SECOND = 10
 _REFUSED = 0x80
 """From here on the codes of a SUBACK are refusals; those below are the granted quality."""
@@ -128,6 +129,7 @@ class MqttOperator:
         self._loss_timer: asyncio.TimerHandle | None = None
         self._connected = False
         self._has_ended = False
+        self._is_publishing = False
         self._refusals = RateLimit(most=_MOST_REFUSALS_A_SECOND)
         self._answers = CommandAnswers(
             acknowledged=lambda: controller.acknowledged, answer=self._answer_command
@@ -181,16 +183,30 @@ class MqttOperator:
         return "the connection ended"
 
     async def finish(self) -> None:
-        """Publish the last status, and wait a moment for pending MQTT messages."""
+        """Publish the last status, and wait a moment for pending MQTT messages.
+
+        Over a slow link the events before it are given up: the broker keeps the status for ever.
+        """
         self._has_ended = True
         self.status()
-        deadline_s = asyncio.get_running_loop().time() + _FLUSH_S
-        while self._connected and asyncio.get_running_loop().time() < deadline_s:
-            if self._outbox.empty:
-                break
+        if not await self._flushed():
+            self._outbox.keep_newest_status()
+            await self._flushed()
+
+    async def _flushed(self) -> bool:
+        """Wait until all is published and acknowledged; return whether it is.
+
+        A socket that is closed with unread answers is reset, upon which the broker may publish the
+        last will in place of the last status.
+        """
+        loop = asyncio.get_running_loop()
+        deadline_s, quiet = loop.time() + _FLUSH_S, 0
+        while self._connected and quiet < _QUIET_LOOKS:
+            if loop.time() >= deadline_s:
+                return False
             await asyncio.sleep(0.01)
-        # The last publication may still be in transit.
-        await asyncio.sleep(0.05)
+            quiet = quiet + 1 if self._outbox.empty and not self._is_publishing else 0
+        return True
 
     def close(self) -> None:
         """Cancel the timers of a lost broker and of awaited acknowledgements."""
@@ -259,6 +275,7 @@ class MqttOperator:
         while True:
             publication = await self._outbox.take()
             topic = f"{self._base}/{publication.topic}"
+            self._is_publishing = True
             try:
                 with _connected():
                     await client.publish(
@@ -271,6 +288,8 @@ class MqttOperator:
                 # Cancelled also when the connection was lost before the broker answered.
                 self._outbox.put_back(publication)
                 raise
+            finally:
+                self._is_publishing = False
             raise_if_task_cancelled()
 
     async def _receive_commands(self, client: aiomqtt.Client) -> None:
@@ -288,13 +307,17 @@ class MqttOperator:
             self._refuse(kind, error)
             return
         try:
-            if self._has_ended:  # else its last status, which the broker keeps, would be another
-                raise RefusedLineError(f"{kind}: the campaign has ended")
-            text = self._controller.obey(command)
+            text = self._obey(command)
         except RefusedLineError as error:
             self._answers.refused(command, str(error))
         else:
             self._answers.obeyed(command, text)
+
+    def _obey(self, command: OperatorCommand) -> str:
+        """Execute a command; return what was done. Raises RefusedLineError, also after the end."""
+        if self._has_ended:  # else the last status, which the broker keeps, would be another
+            raise RefusedLineError(f"{command.kind}: the campaign has ended")
+        return self._controller.obey(command)
 
     def _refuse(self, kind: str, error: RefusedCommandError) -> None:
         if self._refusals.is_exceeded(asyncio.get_running_loop().time()):

@@ -20,7 +20,7 @@ from wil_campaign.orchestrator.operator.campaign_controller import CampaignContr
 from wil_campaign.orchestrator.operator.errors import OperatingError
 from wil_campaign.orchestrator.operator.operator_channels import open_operator_channels
 from wil_campaign.orchestrator.operator.run_messages import FlightPlace, RunEventReport
-from wil_campaign.plugins.mqtt import mqtt_answers
+from wil_campaign.plugins.mqtt import mqtt_answers, mqtt_operator
 from wil_campaign.plugins.mqtt.broker_access import BrokerAccess
 from wil_campaign.plugins.mqtt.broker_address import BrokerAddress
 from wil_campaign.plugins.mqtt.embedded_broker import embedded_broker
@@ -455,6 +455,37 @@ async def test_a_command_after_the_end_is_refused_and_changes_no_status(tmp_path
     assert [body.get("state") for body in bodies] == ["ended", None, "ended"]
     assert (bodies[1]["ok"], bodies[1]["text"]) == (False, "abort: the campaign has ended")
     assert scene.fleet.aborted == []
+    client.close()
+
+
+async def test_over_a_slow_link_the_last_status_is_sent_before_what_was_queued(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The broker kept `flying` of a campaign that had ended long ago."""
+    monkeypatch.setattr(mqtt_operator, "_FLUSH_S", 0.05)
+    scene = Scene(tmp_path)
+    client = MqttOperator(setup=scene.setup, secrets_=SECRETS, controller=scene.controller)
+    client._connected = True
+    for _ in range(3):
+        client.news(RunEventReport("large/sim/1", 1.0, "stage", "takeoff", "", "", "", ""))
+    await client.finish()
+    assert json.loads((await client._outbox.take()).payload)["state"] == "ended"
+    assert client._outbox.empty
+    client.close()
+
+
+async def test_a_socket_is_not_closed_before_what_was_sent_is_acknowledged(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The broker reset such a connection, and published `lost` after `ended`."""
+    monkeypatch.setattr(mqtt_operator, "_FLUSH_S", 0.2)
+    scene = Scene(tmp_path)
+    client = MqttOperator(setup=scene.setup, secrets_=SECRETS, controller=scene.controller)
+    client._connected = client._is_publishing = True
+    finishing = asyncio.create_task(client.finish())
+    await asyncio.sleep(0.12)
+    assert not finishing.done()
+    await finishing
     client.close()
 
 
