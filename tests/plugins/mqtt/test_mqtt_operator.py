@@ -483,6 +483,7 @@ async def test_a_socket_is_not_closed_before_what_was_sent_is_acknowledged(
     client = MqttOperator(setup=scene.setup, secrets_=SECRETS, controller=scene.controller)
     client._connected = client._is_publishing = True
     finishing = asyncio.create_task(client.finish())
+    await client._outbox.take()
     await asyncio.sleep(0.12)
     assert not finishing.done()
     await finishing
