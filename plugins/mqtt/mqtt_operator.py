@@ -43,6 +43,8 @@ from wil_campaign.safety.guard.operator.rate_limit import RateLimit
 
 _CONNECT_S = 5.0
 _KEEPALIVE_S = 5
+_OF_SILENCE = re.compile(r"timed out|keep ?alive", re.IGNORECASE)
+"""Why a connection ends whose broker says nothing more: it was away for _CONNECT_S by then."""
 _FIRST_WAIT_S, _LONGEST_WAIT_S = 0.5, 15.0
 _FLUSH_S = 3.0
 _QUIET_LOOKS = 5
@@ -353,7 +355,9 @@ class MqttOperator:
         self._connected = False
         self._controller.log.note(f"the MQTT broker is disconnected: {why}")
         loop = asyncio.get_running_loop()
-        self._loss_timer = loop.call_later(self._setup.lost_after_s, self._disconnected_too_long)
+        silent_s = _CONNECT_S if _OF_SILENCE.search(why) else 0.0
+        left_s = max(0.0, self._setup.lost_after_s - silent_s)
+        self._loss_timer = loop.call_later(left_s, self._disconnected_too_long)
 
     def _disconnected_too_long(self) -> None:
         kind = self._setup.on_loss

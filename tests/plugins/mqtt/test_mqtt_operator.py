@@ -458,6 +458,18 @@ async def test_a_command_after_the_end_is_refused_and_changes_no_status(tmp_path
     client.close()
 
 
+async def test_the_time_until_a_silent_broker_is_noticed_counts(tmp_path: Path) -> None:
+    """A frozen broker was away for 7.8 s when `lost_after_s: 2` took effect; 5.8 s are needed."""
+    scene = Scene(tmp_path, on_loss="abort", lost_after_s=5.05)
+    client = MqttOperator(setup=scene.setup, secrets_=SECRETS, controller=scene.controller)
+    client._connected = True
+    client._disconnected("Operation timed out")
+    async with asyncio.timeout(4.0):
+        while not scene.fleet.aborted:  # noqa: ASYNC110 - a timer sets no event
+            await asyncio.sleep(0.01)
+    client.close()
+
+
 async def test_over_a_slow_link_the_last_status_is_sent_before_what_was_queued(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
