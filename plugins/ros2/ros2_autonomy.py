@@ -122,8 +122,8 @@ class Ros2Autonomy(ForeignAutonomy):
             for name in ours
             if name in renamed or not name.startswith(inputs)
         }
-        heard = {name: to for name, to in renamed.items() if name in received}
-        for names in (published, heard):
+        listened = {name: to for name, to in renamed.items() if name in received}
+        for names in (published, listened):
             for name, to in renamed.items():
                 same = sorted(one for one in names if one != name and names[one] == to)
                 if name in names and to is not None and same:
