@@ -42,6 +42,8 @@ class CampaignPoller:
         guards = list(self._threads.map(_status, found.guards))
         flying = {place.folder for place in found.campaigns}
         for place, status in zip(found.campaigns, campaigns, strict=True):
+            if self._last.get(place.folder, {}).get("is_over"):
+                self._forget(place.folder)  # it is resumed, and may fly runs again
             self._last[place.folder] = {
                 **self._last.get(place.folder, {}),
                 **status,
@@ -64,6 +66,13 @@ class CampaignPoller:
             return bool(self._scope.places().guards)
         except OSError:
             return False
+
+    def _forget(self, folder: Path) -> None:
+        """Forget the last status of a campaign, and the reasons of its runs."""
+        del self._last[folder]
+        self._reasons = {
+            run: why for run, why in self._reasons.items() if folder not in run.parents
+        }
 
     def _reasons_of(self, folder: Path, status: Mapping[str, Any]) -> dict[str, str]:
         """Return the reasons of the finished runs' verdicts, from their results."""

@@ -31,7 +31,7 @@ def console(
     address: str = "127.0.0.1",
     tls_cert: Path | None = None,
     tls_key: Path | None = None,
-    speed: float = 1.0,
+    speed: float | None = None,
     views: PluginOptions = NO_OPTIONS,
     beside: Annotated[int | None, Parameter(show=False)] = None,
 ) -> int:
@@ -52,15 +52,18 @@ def console(
     tls_key
         The certificate's key.
     speed
-        The playback speed of a finished run; 1.0 is the speed of the flight. The page changes it.
+        The playback speed of a finished run; 1.0, the default, is that of the flight. The page
+        changes it.
     """
     if (tls_cert is None) != (tls_key is None):
         write_stderr("--tls-cert and --tls-key go together")
         return 2
-    if not SLOWEST <= speed <= FASTEST:
-        write_stderr(f"--speed is between {SLOWEST} and {FASTEST}")
-        return 2
     recorded = _recorded(folder)
+    if speed is not None and (fault := _speed_fault(speed, recorded)):
+        write_stderr(fault)
+        return 2
+    if folder is not None and not folder.exists():
+        write_stderr(f"there is no folder {folder} yet: the page waits for a flight in it")
     if recorded is not None and (wanted := next(iter(given_options(views)), "")):
         write_stderr(
             f"--{wanted} shows runs in flight only: open {recorded / _RECORDING} in Foxglove"
@@ -71,7 +74,7 @@ def console(
             address=ConsoleAddress.parse(address),
             folder=folder,
             recorded=recorded,
-            speed=speed,
+            speed=1.0 if speed is None else speed,
             tls=None if tls_cert is None or tls_key is None else (tls_cert, tls_key),
         )
         with views_beside(views, write_stdout, folder=folder):
@@ -83,6 +86,15 @@ def console(
         write_stderr(error)
         return error.code
     return 0
+
+
+def _speed_fault(speed: float, recorded: Path | None) -> str:
+    """Return why a speed cannot be played at; "" if it can."""
+    if not SLOWEST <= speed <= FASTEST:
+        return f"--speed is between {SLOWEST} and {FASTEST}"
+    if recorded is None:
+        return "--speed is for a finished run: name its folder, as results/gate/START/large/wil/1"
+    return ""
 
 
 def _recorded(folder: Path | None) -> Path | None:

@@ -43,9 +43,14 @@ from wil_campaign.safety.guard.operator.rate_limit import RateLimit
 
 _CONNECT_S = 5.0
 _KEEPALIVE_S = 5
+_OF_SILENCE = re.compile(r"timed out|keep ?alive", re.IGNORECASE)
+"""Why a connection ends whose broker says nothing more: it was away for _CONNECT_S by then."""
 _FIRST_WAIT_S, _LONGEST_WAIT_S = 0.5, 15.0
 _FLUSH_S = 3.0
+_QUIET_LOOKS = 5
 _MOST_REFUSALS_A_SECOND = 10
+_REFUSED = 0x80
+"""From here on the codes of a SUBACK are refusals; those below are the granted quality."""
 _LOSS = "mqtt (the broker is away)"
 _CONNECTION_ERRORS = (aiomqtt.MqttError, OperatingError, OSError, UnicodeError)
 """Errors of aiomqtt caused by the broker or the network; any other is a bug of this program."""
@@ -125,6 +130,8 @@ class MqttOperator:
         self._first: asyncio.Future[None] = asyncio.get_running_loop().create_future()
         self._loss_timer: asyncio.TimerHandle | None = None
         self._connected = False
+        self._has_ended = False
+        self._is_publishing = False
         self._refusals = RateLimit(most=_MOST_REFUSALS_A_SECOND)
         self._answers = CommandAnswers(
             acknowledged=lambda: controller.acknowledged, answer=self._answer_command
@@ -178,15 +185,30 @@ class MqttOperator:
         return "the connection ended"
 
     async def finish(self) -> None:
-        """Publish the last status, and wait a moment for pending MQTT messages."""
-        self._outbox.put(status_publication(self._controller.summary("ended")))
-        deadline_s = asyncio.get_running_loop().time() + _FLUSH_S
-        while self._connected and asyncio.get_running_loop().time() < deadline_s:
-            if self._outbox.empty:
-                break
+        """Publish the last status, and wait a moment for pending MQTT messages.
+
+        Over a slow link the events before it are given up: the broker keeps the status for ever.
+        """
+        self._has_ended = True
+        self.status()
+        if not await self._flushed():
+            self._outbox.keep_newest_status()
+            await self._flushed()
+
+    async def _flushed(self) -> bool:
+        """Wait until all is published and acknowledged; return whether it is.
+
+        A socket that is closed with unread answers is reset, upon which the broker may publish the
+        last will in place of the last status.
+        """
+        loop = asyncio.get_running_loop()
+        deadline_s, quiet = loop.time() + _FLUSH_S, 0
+        while self._connected and quiet < _QUIET_LOOKS:
+            if loop.time() >= deadline_s:
+                return False
             await asyncio.sleep(0.01)
-        # The last publication may still be in transit.
-        await asyncio.sleep(0.05)
+            quiet = quiet + 1 if self._outbox.empty and not self._is_publishing else 0
+        return True
 
     def close(self) -> None:
         """Cancel the timers of a lost broker and of awaited acknowledgements."""
@@ -208,7 +230,8 @@ class MqttOperator:
     def status(self) -> None:
         """Publish the campaign's status by MQTT."""
         self._answers.update()
-        self._outbox.put(status_publication(self._controller.summary(self._controller.state)))
+        state = "ended" if self._has_ended else self._controller.state
+        self._outbox.put(status_publication(self._controller.summary(state)))
 
     async def _keep_connected(self) -> None:
         will = status_publication({"state": "lost", "session": self._controller.session})
@@ -225,7 +248,7 @@ class MqttOperator:
             tls_params=self._tls(),
         )
         async with client:
-            await client.subscribe(f"{self._base}/operator/+", qos=1)
+            await _subscribe(client, f"{self._base}/operator/+")
             raise_if_task_cancelled()
             self._reconnected()
             async with asyncio.TaskGroup() as group:
@@ -254,6 +277,7 @@ class MqttOperator:
         while True:
             publication = await self._outbox.take()
             topic = f"{self._base}/{publication.topic}"
+            self._is_publishing = True
             try:
                 with _connected():
                     await client.publish(
@@ -266,6 +290,8 @@ class MqttOperator:
                 # Cancelled also when the connection was lost before the broker answered.
                 self._outbox.put_back(publication)
                 raise
+            finally:
+                self._is_publishing = False
             raise_if_task_cancelled()
 
     async def _receive_commands(self, client: aiomqtt.Client) -> None:
@@ -283,11 +309,17 @@ class MqttOperator:
             self._refuse(kind, error)
             return
         try:
-            text = self._controller.obey(command)
+            text = self._obey(command)
         except RefusedLineError as error:
             self._answers.refused(command, str(error))
         else:
             self._answers.obeyed(command, text)
+
+    def _obey(self, command: OperatorCommand) -> str:
+        """Execute a command; return what was done. Raises RefusedLineError, also after the end."""
+        if self._has_ended:  # else the last status, which the broker keeps, would be another
+            raise RefusedLineError(f"{command.kind}: the campaign has ended")
+        return self._controller.obey(command)
 
     def _refuse(self, kind: str, error: RefusedCommandError) -> None:
         if self._refusals.is_exceeded(asyncio.get_running_loop().time()):
@@ -323,7 +355,9 @@ class MqttOperator:
         self._connected = False
         self._controller.log.note(f"the MQTT broker is disconnected: {why}")
         loop = asyncio.get_running_loop()
-        self._loss_timer = loop.call_later(self._setup.lost_after_s, self._disconnected_too_long)
+        silent_s = _CONNECT_S if _OF_SILENCE.search(why) else 0.0
+        left_s = max(0.0, self._setup.lost_after_s - silent_s)
+        self._loss_timer = loop.call_later(left_s, self._disconnected_too_long)
 
     def _disconnected_too_long(self) -> None:
         kind = self._setup.on_loss
@@ -343,6 +377,18 @@ class MqttOperator:
             f"cannot connect to the MQTT broker {broker}: {why}; start it, correct "
             "operator.mqtt of the campaign, or fly without --broker"
         )
+
+
+async def _subscribe(client: aiomqtt.Client, topics: str) -> None:
+    """Subscribe to the topics of commands. Raises OperatingError where the broker refuses it.
+
+    Its refusal is an answer like any other: without this check no command would ever come.
+    """
+    for granted in await client.subscribe(topics, qos=1):
+        if (granted if isinstance(granted, int) else granted.value) >= _REFUSED:
+            raise OperatingError(
+                f"it does not let this user subscribe to {topics}, where commands come"
+            )
 
 
 def _error_text(error: BaseException) -> str:

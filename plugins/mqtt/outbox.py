@@ -39,6 +39,11 @@ class PublicationOutbox:
             self._important.appendleft(publication)
             self._filled.set()
 
+    def keep_newest_status(self) -> None:
+        """Drop all but the newest publication that the broker keeps: no time is left for others."""
+        kept = [publication for publication in self._important if publication.retain]
+        self._important = deque(kept[-1:])
+
     @property
     def empty(self) -> bool:
         """Return whether the outbox holds nothing that must arrive."""

@@ -32,6 +32,7 @@ from wil_campaign.plugins.python.flight_messages import (
     encode_request,
 )
 from wil_campaign.plugins.python.loading import load
+from wil_campaign.plugins.python.several import as_several
 
 _MODULE = "wil_campaign.plugins.python.flight_process"
 T = TypeVar("T")
@@ -101,14 +102,18 @@ async def run_async(
 def flight_options_with(options: FlightOptions, overrides: Mapping[str, Any]) -> FlightOptions:
     """Return options with some fields replaced; paths may be text, and any collection a tuple.
 
-    Raises TypeError for a name that is no field, ValueError for a value that a field cannot have.
+    Raises TypeError for a name that is no field, ValueError for a value that a field cannot have,
+    and for `again` without `resume`.
     """
-    texts = {"out": Path, "junit": Path, "again": tuple, "runs": tuple}
+    texts: dict[str, Callable[[Any], Any]] = {"out": Path, "junit": Path}
+    texts |= {"again": as_several, "runs": as_several}
     values = {
         name: texts[name](value) if name in texts and value is not None else value
         for name, value in overrides.items()
     }
     chosen = replace(options, **values)
+    if chosen.again and not chosen.resume:
+        raise ValueError(f"again={chosen.again!r}: needs resume=True")
     given = {each.name: getattr(chosen, each.name) for each in fields(chosen)}
     try:
         return _options_model().validate_python(given)
@@ -232,8 +237,8 @@ class FlightProcess:
             try:
                 stream.write(line)
                 stream.flush()
-            except BrokenPipeError:
-                pass  # the process has ended: reading its messages tells how
+            except (BrokenPipeError, ValueError):
+                pass  # the process has ended, or its pipe is closed: its messages tell how
 
     def _read(self) -> FlightMessage | None:
         """Return the next message; None at the end."""

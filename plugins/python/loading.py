@@ -12,6 +12,7 @@ from wil_campaign.orchestrator.campaign.reevaluation import Judgement, judge_cam
 from wil_campaign.orchestrator.cli.commands.plan import plan_document
 from wil_campaign.orchestrator.cli.run_selection import RunSelection
 from wil_campaign.orchestrator.report.ordered_report import Report, write_ordered_report
+from wil_campaign.plugins.python.several import as_several
 
 
 def load(
@@ -32,12 +33,12 @@ def load(
     every problem of the file and of those that it names.
     """
     choice = RunSelection(
-        case=tuple(cases),
-        mode=tuple(modes),
+        case=as_several(cases),
+        mode=as_several(modes),
         repetitions=repetitions,
         seed=seed,
         set_=set_option_texts(overrides),
-        bench_file=tuple(map(Path, bench_files)),
+        bench_file=tuple(map(Path, as_several(bench_files))),
     )
     return load_campaign(Path(file), choice.options())
 
@@ -85,12 +86,12 @@ def judge(
     RecordingError where the recordings cannot be judged by this file.
     """
     selection = ExpansionOptions(
-        cases=tuple(cases),
-        modes=tuple(modes),
+        cases=as_several(cases),
+        modes=as_several(modes),
         repetitions=repetitions,
         sets=set_option_texts(overrides),
         loads_code=False,
-        benches=load_benches(tuple(map(Path, bench_files))),
+        benches=load_benches(tuple(map(Path, as_several(bench_files)))),
     )
     return judge_campaign_again(load_campaign(Path(file), selection), Path(folder))
 
@@ -121,5 +122,5 @@ def report(
     """
     wanted = [name for name, is_wanted in (("card", card), ("gif", gif)) if is_wanted]
     return write_ordered_report(
-        folder, out=out, videos=videos, pictures=wanted, run=run, workers=workers
+        folder, out=out, videos=as_several(videos), pictures=wanted, run=run, workers=workers
     )

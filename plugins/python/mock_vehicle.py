@@ -19,6 +19,7 @@ from wil_campaign.foundation.files.documents import BadInput
 from wil_campaign.foundation.processes.child import exit_status_text
 from wil_campaign.foundation.processes.feed_socket import feed_environment, feed_pair
 from wil_campaign.foundation.tasks import finish_in_task
+from wil_campaign.plugins.python.several import as_several
 from wil_campaign.plugins.python.standalone_settings import standalone_settings
 from wil_campaign.vehicles.autopilots.registry import autopilot_named
 from wil_campaign.vehicles.embedded.process.feed import FaultMessage, to_vehicle
@@ -300,7 +301,7 @@ def mock_vehicle(
         autopilot,
         settings.model_copy(update={"end_with_stdin": True, "print_texts": True}),
         port_is_free_choice=link is None,
-        faults=[_parse_fault(text) for text in faults],
+        faults=[_parse_fault(text) for text in as_several(faults)],
         ready_within_s=ready_within_s,
     )
 

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from functools import partial
 
 from wil_campaign.campaigns.values.sensor_setups import SensorSetup
+from wil_campaign.foundation.files.problems import printable_problem
 from wil_campaign.orchestrator.run.perception.autonomy_calls import AutonomyFault
 from wil_campaign.plugins.ros2.messages.reading_messages import (
     is_stabilized,
@@ -59,6 +60,8 @@ _BLIND_S = 2.0
 _LOOK_S = 0.01
 _HELD_S = 1.0
 """For how long a word waits for the next answer: a camera may have stopped."""
+_LONGEST_WORD = 300
+"""Characters of what a node says, in the reason of a run."""
 _AGAIN_S = 1.0
 """How often latched messages are published again: late subscribers of zenoh miss them."""
 
@@ -80,7 +83,8 @@ class NodeAutonomy:
     """Flies a vehicle by a node. epoch_s: UTC of the run clock's zero, of which stamps are.
 
     node: its process; None for one that runs already. decide_blind: called with why the node
-    does not get what it needs. abort: called with the reason when the node asks for it.
+    does not get what it needs. decide_cut: called with why the wire to it has ended. abort: called
+    with the reason when the node asks for it.
     px4: what a node of px4_msgs sees of PX4; None without such topics.
     """
 
@@ -95,6 +99,7 @@ class NodeAutonomy:
         epoch_s: float,
         rules: NodeRules,
         decide_blind: Callable[[str], None],
+        decide_cut: Callable[[str], None],
         abort: Callable[[str], None],
         px4: Px4Vehicle | None = None,
     ) -> None:
@@ -104,7 +109,7 @@ class NodeAutonomy:
         self._mounts = sensor_transforms(sensors)
         self._epoch_ns = round(epoch_s * _NS)
         self._rules = rules
-        self._decide_blind, self._abort = decide_blind, abort
+        self._decide_blind, self._decide_cut, self._abort = decide_blind, decide_cut, abort
         self._px4 = px4
         self._latched: dict[str, bytes] = {}
         self._latched_s = self._clock_s = float("-inf")
@@ -171,14 +176,14 @@ class NodeAutonomy:
     def ended(self) -> Command | None:
         """Return the last command where the node has ended by itself with exit code 0.
 
-        None while it runs. Raises AutonomyFault where it crashed.
+        None while it runs. Raises AutonomyFault where it crashed: before its goal an ERROR.
         """
         if self._node is None or not self._node.has_ended:
             return None
         self.hear_abort()
         if self._node.exit_code == 0:
             return Command(_STILL, done=True, note=self._note or "the node ended")
-        raise AutonomyFault(f"is a node that {self._node}: {self._node.last_lines()}")
+        raise AutonomyFault(f"is a node that {self._node.ending}", kind="ERROR")
 
     def hear_abort(self, t_s: float = float("inf")) -> None:
         """Abort the run where the node asks for it, at any stage. Raises AutonomyFault.
@@ -195,6 +200,7 @@ class NodeAutonomy:
         Of one time it is published once: a node may divide by the time between two messages.
         is_answered: whether the node has to answer what the barrier names. Raises AutonomyFault.
         """
+        self._is_cut()
         with self._reporting:
             t_s, pose = telemetry.t_s, telemetry.pose
             self._is_answered = is_answered
@@ -259,7 +265,7 @@ class NodeAutonomy:
         if answer is not None:
             self._answer, self._until = answer.setpoint or self._answer, answer.until
             self._answered_s = self._clock_s
-        elif self.ended() is None:
+        elif not self._is_cut() and self.ended() is None:
             raise AutonomyFault(self._unanswered(topic, stamp_ns))
         else:
             self._has_left = True
@@ -270,7 +276,7 @@ class NodeAutonomy:
         Whether it has ended by now is a matter of the machine, and time stands still for it.
         """
         until_s = time.monotonic() + self._rules.barrier_s
-        while self.ended() is None:
+        while not self._is_cut() and self.ended() is None:
             if time.monotonic() >= until_s:
                 where = self._topics.name_of(topic)
                 raise AutonomyFault(
@@ -327,7 +333,15 @@ class NodeAutonomy:
         return self._epoch_ns + round(t_s * _NS)
 
     def _is_gone(self) -> bool:
-        return self._node is not None and self._node.has_ended
+        return self._is_cut() or (self._node is not None and self._node.has_ended)
+
+    def _is_cut(self) -> bool:
+        """Return whether the wire has ended, which decides the run and is no fault of the node."""
+        trouble = self._topics.wire_trouble()
+        if trouble:
+            self._owes_answers = False
+            self._decide_cut(trouble)
+        return bool(trouble)
 
     def _limit(self, t_s: float) -> int | None:
         """Return which words are read by now; None for all, where nothing is answered."""
@@ -347,7 +361,8 @@ class NodeAutonomy:
         if cdr is None:
             return None
         try:
-            return str(self._types.deserialize(cdr, TEXT).data)
+            text = str(self._types.deserialize(cdr, TEXT).data)
+            return printable_problem(text)[:_LONGEST_WORD]
         except BadRosMessageError as error:
             raise AutonomyFault(f"published a message on {topic} that {error}") from None
 
@@ -422,7 +437,8 @@ class NodeAutonomy:
             message = self._types.deserialize(received.cdr, kind)
             return setpoint_of(message, kind, body)
         except (BadRosMessageError, BadSetpointError) as error:
-            raise AutonomyFault(f"published a setpoint on {name} that {error}") from None
+            what = printable_problem(str(error))[:_LONGEST_WORD]
+            raise AutonomyFault(f"published a setpoint on {name} that {what}") from None
 
 
 def _stamp_text(stamp_ns: int) -> str:

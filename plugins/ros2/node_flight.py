@@ -210,6 +210,7 @@ class _NodeFlight:
             epoch_s=VIRTUAL_EPOCH_S if is_virtual else time.time() - self._loop.time(),
             rules=self._rules(),
             decide_blind=partial(self._decide_once, "INVALID", "was blind: "),
+            decide_cut=partial(self._decide_once, "ERROR", "cannot be reached: "),
             abort=partial(self._decide_once, "ABORTED", "asked for an abort: "),
             px4=px4,
         )
@@ -319,7 +320,7 @@ class _NodeFlight:
         if node is None or is_done or not self._is_ready:
             return
         # From its goal on it is a FAIL (`decide_fault`).
-        fault = AutonomyFault(f"is a node that {node}: {node.last_lines()}", kind="ERROR")
+        fault = AutonomyFault(f"is a node that {node.ending}", kind="ERROR")
         try:
             if self._autonomy is not None:
                 self._autonomy.hear_abort()
@@ -367,7 +368,7 @@ def setpoint_topics(part: Ros2Part, names: Mapping[str, str | None]) -> dict[str
 def _exit_text(node: NodeProcess) -> str:
     """Return how a node ended, with its last lines where it failed."""
     is_failed = not node.ended_by_us and node.exit_code != 0
-    return f"{node}: {node.last_lines()}" if is_failed else str(node)
+    return node.ending if is_failed else str(node)
 
 
 def _in_results(inbox: SetpointInbox) -> tuple[TopicResult, ...]:

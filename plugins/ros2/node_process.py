@@ -57,6 +57,11 @@ class NodeProcess:
             return f"ended with the run ({exit_status_text(self.exit_code)})"
         return f"{exit_status_text(self.exit_code)} by itself" if self.has_ended else "runs"
 
+    @property
+    def ending(self) -> str:
+        """Return how the node ended, with what it printed last."""
+        return ": ".join(filter(None, (str(self), self.last_lines())))
+
     def last_lines(self) -> str:
         """Return what the node printed last, in one line; "" for nothing."""
         return self._explain(last_output(self._log))

@@ -52,6 +52,10 @@ class NodeTopics:
                 counts.trouble = "the wire refused some of them" if is_subscribed else _UNSUBSCRIBED
         return is_gone
 
+    def wire_trouble(self) -> str:
+        """Return why nothing goes over the wire any more; "" while it does."""
+        return self._wire.trouble()
+
     def name_of(self, name: str) -> str:
         """Return the node's name of a topic."""
         return self._names.get(name) or name

@@ -76,8 +76,7 @@ class RclpyWire:
 
     def trouble(self) -> str:
         """Return in words how the relay has ended; "" while it runs."""
-        ended = self._relay.has_ended
-        return f"the relay of rclpy {self._relay}: {self._relay.last_lines()}" if ended else ""
+        return f"the relay of rclpy {self._relay.ending}" if self._relay.has_ended else ""
 
     def environment(self) -> Mapping[str, str]:
         """Return the variables that a node of this run needs beside those it has."""

@@ -1,6 +1,6 @@
 """An autonomy that is a ROS 2 node: what a campaign says of it, and its checks."""
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
@@ -60,6 +60,7 @@ class Ros2Autonomy(ForeignAutonomy):
             found.append(file.problem(limit, "has no effect with a ROS 2 node", key=True))
         if find_spec("rosbags") is None:  # whose types the topics have: a problem says so
             return found
+        found += _same_topics(file)
         return [*found, *self._px4_problems(file, folder), *self._unknown(file)]
 
     def _px4_problems(self, file: Document, folder: Path) -> Iterator[Problem]:
@@ -95,6 +96,7 @@ class Ros2Autonomy(ForeignAutonomy):
                 message = f"'{topic}' is no topic of the run, so it cannot be renamed or left out"
                 where = ("autonomy", self.kind, "topics", topic)
                 yield file.problem(where, message, closest_word(topic, ours | received))
+        yield from self._doubled(file, ours, received)
         known = {name for name in ours if self.part.topics.get(name, name) is not None}
         known |= {self.part.topics[name] or "" for name in known & set(self.part.topics)}
         barrier = [] if self.part.barrier is None else self.part.barrier.topics
@@ -106,19 +108,61 @@ class Ros2Autonomy(ForeignAutonomy):
                 where = ("autonomy", self.kind, *path)
                 yield file.problem(where, message, closest_word(topic, known))
 
+    def _doubled(
+        self, file: Document, ours: Collection[str], received: Collection[str]
+    ) -> Iterator[Problem]:
+        """Yield names that two topics have: their messages would come as those of one.
+
+        Of received topics a name may be that of another, which then is not listened to.
+        """
+        renamed = self.part.topics
+        inputs = ("/real/", "/twin/")  # of mixtures: published by `publish_raw` alone
+        published = {
+            name: renamed.get(name, name)
+            for name in ours
+            if name in renamed or not name.startswith(inputs)
+        }
+        listened = {name: to for name, to in renamed.items() if name in received}
+        for names in (published, listened):
+            for name, to in renamed.items():
+                same = sorted(one for one in names if one != name and names[one] == to)
+                if name in names and to is not None and same:
+                    message = f"'{to}' is the name of {', '.join(same)}, too"
+                    yield file.problem(("autonomy", self.kind, "topics", name), message)
+
+
+def _same_topics(file: Document) -> Iterator[Problem]:
+    """Yield the sensors of a vehicle whose names differ, and whose topics do not."""
+    from wil_campaign.plugins.ros2.messages.reading_messages import ros_word_of_name  # noqa: PLC0415
+
+    for vehicle, sensors in _sensors(file):
+        words: dict[str, str] = {}
+        for name in sensors:
+            first = words.setdefault(ros_word_of_name(name), name)
+            if first != name:
+                message = f"'{name}' has the topics of '{first}' in ROS: rename one of them"
+                yield file.problem(("vehicles", vehicle, "sensors", name), message, key=True)
+
+
+def _sensors(file: Document) -> Iterator[tuple[str, Mapping[str, object]]]:
+    """Yield the vehicles with their sensors, by name."""
+    vehicles = file.get(("vehicles",))
+    for name, vehicle in vehicles.items() if isinstance(vehicles, dict) else ():
+        sensors = vehicle.get("sensors") if isinstance(vehicle, dict) else None
+        if isinstance(sensors, dict):
+            yield str(name), {str(sensor): value for sensor, value in sensors.items()}
+
 
 def _topics_of_sensors(file: Document, part: Ros2Part) -> Iterator[str]:
     """Yield the topics of the vehicles' sensors, mixed and as they were before."""
     from wil_campaign.plugins.ros2.messages.reading_messages import ros_word_of_name  # noqa: PLC0415
     from wil_campaign.plugins.ros2.messages.topics import sensor_topics  # noqa: PLC0415
 
-    vehicles = file.get(("vehicles",))
-    for vehicle in vehicles.values() if isinstance(vehicles, dict) else ():
-        sensors = vehicle.get("sensors") if isinstance(vehicle, dict) else None
-        for name, sensor in sensors.items() if isinstance(sensors, dict) else ():
+    for _, sensors in _sensors(file):
+        for name, sensor in sensors.items():
             kind = str(sensor.get("type")) if isinstance(sensor, dict) else ""
             for path in ("", "real/", "twin/"):
                 topics = sensor_topics(
-                    path + ros_word_of_name(str(name)), kind, compressed=part.compressed
+                    path + ros_word_of_name(name), kind, compressed=part.compressed
                 )
                 yield from (topic.name for topic in topics)

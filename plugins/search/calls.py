@@ -20,6 +20,7 @@ from wil_campaign.plugins.python.flying import (
     flight_options_with,
 )
 from wil_campaign.plugins.python.loading import set_option_texts
+from wil_campaign.plugins.python.several import as_several
 from wil_campaign.plugins.search.exploration.search_file import load_search
 from wil_campaign.plugins.search.search_document import FILE_NAME
 
@@ -112,7 +113,7 @@ def _request(
     options: Mapping[str, object],
 ) -> bytes:
     chosen = flight_options_with(USUAL, options)
-    benches = tuple(map(Path, bench_files))
+    benches = tuple(map(Path, as_several(bench_files)))
     choice = RunSelection(seed=seed, set_=set_option_texts(overrides), bench_file=benches)
     load_search(Path(file), choice.options())  # raises BadInput here, before a process starts
     return encode_request(FlightRequest(file=Path(file), choice=choice, options=chosen))

@@ -83,6 +83,7 @@ def _report(file: Path, written: "WrittenBag") -> None:
     counts = written.counts
     write_stdout(f"written: {file}, {sum(counts.values())} messages on {len(counts)} topics")
     for topic, count in sorted(written.left_out.items()):
-        write_stderr(f"left out: {count} readings of {topic}, for which there is no message")
+        why = "for which there is no message, or no topic of their own"
+        write_stderr(f"left out: {count} readings of {topic}, {why}")
     for problem in written.lacks:
         write_stderr(f"no poses, or not all of them: {problem}")

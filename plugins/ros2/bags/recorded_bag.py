@@ -140,7 +140,8 @@ _ESTIMATE = tuple(
 class WrittenBag:
     """What a bag has, and lacks. counts: messages by topic.
 
-    left_out: readings by topic of the recording that have no message of ROS 2. lacks: in words.
+    left_out: readings by topic of the recording that have no message of ROS 2, or no topic of
+    their own. lacks: in words.
     """
 
     counts: Mapping[str, int]
@@ -212,6 +213,7 @@ class _Writing:
         self._subject = "twin" if facts.get("mode") == "sim" else "real"
         self._frames = BagFrames(self._subject, mounts_in(facts))
         self._images = RecordedImages(facts)
+        self._owners: dict[str, tuple[str, str]] = {}
         self._epoch_ns: int | None = None
         self._now_ns = self._clock_ns = 0
         self.left_out: Counter[str] = Counter()
@@ -302,7 +304,9 @@ class _Writing:
             sensor_topic.name: sensor_topic.type
             for sensor_topic in sensor_topics(base[1:], kind, compressed=True)
         }
-        if not topics:
+        # Names that differ here may not in ROS: then the first of them has the topics.
+        owner = self._owners.setdefault(base, (source, recorded))
+        if not topics or owner != (source, recorded):
             self.left_out[channel.topic] += 1
             return
         vehicle, log_ns = self._subject if source == "mixed" else source, message.log_time

@@ -42,3 +42,13 @@ def test_verdicts_have_their_reasons_and_outlive_a_program_that_died(
         write(tmp_path / "summary.json", {"runs": [run], "accepted": False})
         (told,) = poller.poll()["campaigns"]
         assert (told["accepted"], told["finished"]) == (False, {"small/wil/5": "ERROR"})
+        # It is resumed, and the run is flown again.
+        write(tmp_path / "small" / "wil" / "5" / "result.json", {"reason": ""})
+        finished["small/wil/5"] = "PASS"
+        with CampaignRecord(name="gate", folder=tmp_path):
+            (flying,) = poller.poll()["campaigns"]
+        assert (flying["finished"]["small/wil/5"], flying["reasons"]) == (
+            "PASS",
+            {"small/wil/5": ""},
+        )
+        assert "accepted" not in flying

@@ -192,6 +192,9 @@ async def test_a_run_without_positions_cannot_be_played(tmp_path: Path) -> None:
         (("--address", "a b"), 2, "not a console address"),
         (("--tls-cert", "x.pem"), 2, "go together"),
         (("--speed", "0"), 2, "--speed is between"),
+        (("--speed", "4"), 2, "--speed is for a finished run"),
+        (("not/there", "--speed", "4"), 2, "--speed is for a finished run"),
+        (("not/there", "--address", "a b"), 2, "there is no folder not/there yet"),
     ],
 )
 def test_a_run_that_cannot_be_served_is_refused_in_words(

@@ -20,7 +20,7 @@ from wil_campaign.orchestrator.operator.campaign_controller import CampaignContr
 from wil_campaign.orchestrator.operator.errors import OperatingError
 from wil_campaign.orchestrator.operator.operator_channels import open_operator_channels
 from wil_campaign.orchestrator.operator.run_messages import FlightPlace, RunEventReport
-from wil_campaign.plugins.mqtt import mqtt_answers
+from wil_campaign.plugins.mqtt import mqtt_answers, mqtt_operator
 from wil_campaign.plugins.mqtt.broker_access import BrokerAccess
 from wil_campaign.plugins.mqtt.broker_address import BrokerAddress
 from wil_campaign.plugins.mqtt.embedded_broker import embedded_broker
@@ -438,6 +438,85 @@ async def test_a_broker_that_is_not_there_is_an_error_at_the_start(tmp_path: Pat
     with pytest.raises(OperatingError, match=r"cannot connect to the MQTT broker .*refused"):
         async with connected_mqtt_operator(scene.setup, SECRETS, scene.controller):
             pass
+
+
+async def test_a_command_after_the_end_is_refused_and_changes_no_status(tmp_path: Path) -> None:
+    """The broker kept `landing` of a campaign that had ended, and its exit code was 4."""
+    scene = Scene(tmp_path)
+    client = MqttOperator(setup=scene.setup, secrets_=SECRETS, controller=scene.controller)
+    await client.finish()
+    session = scene.controller.session
+    said = {"session": session, "id": "late", "at": time.time(), "who": "anna"}
+    payload = signed_command("wil/gate/operator/abort", said, TOKEN)
+    client._execute_command("abort", payload, retained=False)
+    client.status()  # as after a command on another way
+    sent = [await client._outbox.take() for _ in range(3)]
+    bodies = [json.loads(publication.payload) for publication in sent]
+    assert [body.get("state") for body in bodies] == ["ended", None, "ended"]
+    assert (bodies[1]["ok"], bodies[1]["text"]) == (False, "abort: the campaign has ended")
+    assert scene.fleet.aborted == []
+    client.close()
+
+
+async def test_the_time_until_a_silent_broker_is_noticed_counts(tmp_path: Path) -> None:
+    """A frozen broker was away for 7.8 s when `lost_after_s: 2` took effect; 5.8 s are needed."""
+    scene = Scene(tmp_path, on_loss="abort", lost_after_s=5.05)
+    client = MqttOperator(setup=scene.setup, secrets_=SECRETS, controller=scene.controller)
+    client._connected = True
+    client._disconnected("Operation timed out")
+    async with asyncio.timeout(4.0):
+        while not scene.fleet.aborted:  # noqa: ASYNC110 - a timer sets no event
+            await asyncio.sleep(0.01)
+    client.close()
+
+
+async def test_over_a_slow_link_the_last_status_is_sent_before_what_was_queued(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The broker kept `flying` of a campaign that had ended long ago."""
+    monkeypatch.setattr(mqtt_operator, "_FLUSH_S", 0.05)
+    scene = Scene(tmp_path)
+    client = MqttOperator(setup=scene.setup, secrets_=SECRETS, controller=scene.controller)
+    client._connected = True
+    for _ in range(3):
+        client.news(RunEventReport("large/sim/1", 1.0, "stage", "takeoff", "", "", "", ""))
+    await client.finish()
+    assert json.loads((await client._outbox.take()).payload)["state"] == "ended"
+    assert client._outbox.empty
+    client.close()
+
+
+async def test_a_socket_is_not_closed_before_what_was_sent_is_acknowledged(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The broker reset such a connection, and published `lost` after `ended`."""
+    monkeypatch.setattr(mqtt_operator, "_FLUSH_S", 0.2)
+    scene = Scene(tmp_path)
+    client = MqttOperator(setup=scene.setup, secrets_=SECRETS, controller=scene.controller)
+    client._connected = client._is_publishing = True
+    finishing = asyncio.create_task(client.finish())
+    await client._outbox.take()
+    await asyncio.sleep(0.12)
+    assert not finishing.done()
+    await finishing
+    client.close()
+
+
+async def test_a_broker_that_refuses_the_subscription_is_an_error_at_the_start(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """No command would ever come: the operators' abort neither."""
+
+    def permits(_: BrokerAccess, _user: str | None, action: str, _topic: str) -> bool:
+        return action != "subscribe"
+
+    monkeypatch.setattr(BrokerAccess, "permits", permits)
+    scene = Scene(tmp_path)
+    await scene.start_broker()
+    with pytest.raises(OperatingError, match=r"this user subscribe to wil/gate/operator/\+"):
+        async with connected_mqtt_operator(scene.setup, SECRETS, scene.controller):
+            pass
+    await scene.stop_broker()
 
 
 def test_the_program_ends_with_3_before_anything_flies(

@@ -50,6 +50,7 @@ def acknowledgement(link: Any, command: int) -> int:
         ({"link": "udp:14540"}, "link 'udp:14540' cannot be read"),
         ({"link": "memory://"}, "a mock vehicle is at udp or tcp"),
         ({"parameters": {"MIS_TAKEOF_ALT": 3}}, "did you mean 'MIS_TAKEOFF_ALT'?"),
+        ({"faults": "motor 9 0"}, "'motor 9 0' is not a fault"),
         ({"faults": ["motor 9 0"]}, "'motor 9 0' is not a fault"),
         ({"faults": ["mute", "camera stop@3"]}, "a mock vehicle has no camera"),
     ],

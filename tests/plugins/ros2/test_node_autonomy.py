@@ -43,7 +43,7 @@ class FakeWire:
         self.subscribed = {"/odom", "/camera/image_raw", "/clock"}
         self.published: list[tuple[str, bytes]] = []
         self.takes: dict[str, Take] = {}
-        self.takes_messages = True
+        self.takes_messages, self.broken = True, ""
         self.answer: Callable[[str, bytes], None] = lambda *_: None
 
     def advertise(self, topic: OutTopic, name: str) -> None:
@@ -64,7 +64,7 @@ class FakeWire:
         return []
 
     def trouble(self) -> str:
-        return ""
+        return self.broken
 
     def environment(self) -> Mapping[str, str]:
         return {}
@@ -84,6 +84,10 @@ class FakeNode:
     @property
     def has_ended(self) -> bool:
         return self.exit_code is not None
+
+    @property
+    def ending(self) -> str:
+        return f"{self}: {self.last_lines()}"
 
     def last_lines(self) -> str:
         return "its last line"
@@ -105,6 +109,7 @@ class Rig:
             }
         )
         self.blind: list[str] = []
+        self.cut: list[str] = []
         self.aborts: list[str] = []
         self.autonomy = NodeAutonomy(
             topics=self.topics,
@@ -115,6 +120,7 @@ class Rig:
             epoch_s=EPOCH_S,
             rules=rules or NodeRules(),
             decide_blind=self.blind.append,
+            decide_cut=self.cut.append,
             abort=self.aborts.append,
         )
 
@@ -200,6 +206,23 @@ def test_setpoints_from_another_time_fail_the_node_in_the_end(late_s: float, tex
     with pytest.raises(AutonomyFault, match=text):
         rig.act(15.1)
     assert rig.inbox.topics["/cmd_vel"].refused == 99, "the first came before its goal"
+
+
+def test_a_wire_that_has_ended_decides_before_the_node_is_found_silent() -> None:
+    rig = Rig()
+    rig.act(10.0)
+    assert not rig.cut
+    rig.wire.broken = "the relay was ended by SIGKILL"
+    rig.act(10.05)
+    assert rig.cut == ["the relay was ended by SIGKILL"]
+
+
+@pytest.mark.parametrize("taken", [True, False], ids=["sent", "not sent"])
+def test_nobody_waits_for_an_answer_over_a_wire_that_has_ended(*, taken: bool) -> None:
+    rig = barrier_rig()
+    rig.wire.takes_messages, rig.wire.broken = taken, "gone"
+    rig.autonomy.perceive(camera(10.0))
+    assert "gone" in rig.cut
 
 
 def test_a_node_that_says_nothing_fails() -> None:
@@ -344,7 +367,26 @@ def test_a_node_that_crashes_fails_with_its_last_lines() -> None:
     rig = Rig()
     rig.act(10.0)
     rig.node.exit_code = 3
-    with pytest.raises(AutonomyFault, match="ended with exit code 3 by itself: its last line"):
+    with pytest.raises(
+        AutonomyFault, match="ended with exit code 3 by itself: its last line"
+    ) as found:
+        rig.act(10.05)
+    assert found.value.kind == "ERROR"  # before its goal; from then on `decide_fault` says FAIL
+
+
+def test_what_a_node_says_is_printable_and_short() -> None:
+    rig, make = Rig(), RosMessages(TYPES)
+    rig.inbox.receive(InMessage("/wil/abort", TEXT, make.text("\x1b[2J\n" + 900 * "a")))
+    rig.act(10.0)
+    assert rig.aborts == ["?[2J?" + 295 * "a"]
+
+
+def test_a_frame_that_cannot_be_printed_is_named_on_one_line() -> None:
+    rig = Rig()
+    rig.act(10.0)
+    there = twist(round((EPOCH_S + 10.05) * 1e9)).replace(b"map\0", b"\x1b\n?\0")
+    rig.inbox.receive(InMessage("/cmd_vel", TWIST, there, "a"))
+    with pytest.raises(AutonomyFault, match=r"is in the frame '\?\?\?': use map"):
         rig.act(10.05)
 
 

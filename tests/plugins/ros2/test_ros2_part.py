@@ -7,7 +7,7 @@ import pytest
 
 from tests.orchestrator.hover import write_hover
 from tests.plugins.ros2.px4.definitions import write_definitions
-from wil_campaign.campaigns.expansion.expansion import load_campaign
+from wil_campaign.campaigns.expansion.expansion import ExpansionOptions, load_campaign
 from wil_campaign.campaigns.schema import campaign_model
 from wil_campaign.foundation.files.documents import BadInput
 from wil_campaign.orchestrator.cli.clock_choice import campaign_clock_for, shared_resources_of
@@ -58,6 +58,9 @@ def node_file(tmp_path: Path, text: str) -> Path:
         ),
         ("{command: [sh], topics: {/camera/image: /rgb}}", "'/camera/image' is no topic of the"),
         ("{command: [sh], topics: {/odom: null}, needs: [/odom]}", "published on '/odom'"),
+        ("{command: [sh], topics: {/pose: /odom}}", "'/odom' is the name of /odom, too"),
+        ("{command: [sh], topics: {/pose: /a, /odom: /a}}", "'/a' is the name of /odom, too"),
+        ("{command: [sh], topics: {/cmd_vel: /a, /setpoint/pose: /a}}", "name of /cmd_vel, too"),
         ("{command: [sh], px4_msgs: no}", "name the folder of px4_msgs, of the release"),
         ("{command: [sh], px4_msgs: bad}", "the definition of px4_msgs/msg/VehicleStatus is none"),
         ("{command: [sh], needs: [/fmu/out/vehicle_status]}", "published on '/fmu/out/vehicle_s"),
@@ -73,6 +76,21 @@ def test_faults_are_named_before_anything_starts(tmp_path: Path, text: str, faul
         load_campaign(file)
     assert fault in str(caught.value)
     assert f"{file}:" in str(caught.value)
+
+
+def test_names_may_be_swapped_and_a_twist_may_have_that_of_the_other(tmp_path: Path) -> None:
+    topics = "{/pose: /odom, /odom: /pose, /cmd_vel_unstamped: /cmd_vel}"
+    assert load_campaign(node_file(tmp_path, f"{{command: [sh], topics: {topics}}}"))
+
+
+def test_two_sensors_with_the_same_topics_are_refused(tmp_path: Path) -> None:
+    file = node_file(tmp_path, "{command: [sh]}")
+    ranger = "{type: rangefinder, rate_hz: 10}"
+    sets = [f"vehicles.twin.sensors.down-{name}={ranger}" for name in ("a", "b")]
+    assert load_campaign(file, ExpansionOptions(sets=tuple(sets)))
+    sets.append(f"vehicles.twin.sensors.down_a={ranger}")
+    with pytest.raises(BadInput, match="'down_a' has the topics of 'down-a' in ROS"):
+        load_campaign(file, ExpansionOptions(sets=tuple(sets)))
 
 
 def test_use_beside_a_node_is_refused(tmp_path: Path) -> None:

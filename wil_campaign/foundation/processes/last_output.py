@@ -5,6 +5,8 @@ import shutil
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from wil_campaign.foundation.files.problems import printable_problem
+
 _TAIL_BYTES = 8000
 _TAIL_LINES = 3
 _AFTER = 3
@@ -12,11 +14,13 @@ _AFTER = 3
 _FRAME = re.compile(r'  File "(?P<file>[^"]+)", line (?P<line>\d+), in (?P<where>.+)')
 _MISSING = ("ModuleNotFoundError", "No module named", "can't open file")
 """What Python says of a program that another interpreter, or another folder, may have."""
+_COLOURS = re.compile(r"\x1b\[[0-9;]*m")
+_LINE_LETTERS = 500
 _LIBRARY = re.compile(r"/(site|dist)-packages/|/lib/python|^<")
 
 
 def last_output(log: Path) -> str:
-    """Return what a process printed last, in one line; empty where there is nothing.
+    """Return what a process printed last, in one printable line; empty where there is nothing.
 
     Of a Python traceback: its exception, and where in the program's own file.
     """
@@ -27,8 +31,9 @@ def last_output(log: Path) -> str:
             text = stream.read().decode("utf-8", "replace")
     except OSError:
         return ""
-    lines = [line.rstrip() for line in text.splitlines() if line.strip()]
-    end = [" ".join(line.split()) for line in lines[-_TAIL_LINES:]]
+    plain = _COLOURS.sub("", text).expandtabs()
+    lines = [printable_problem(line.rstrip()) for line in plain.splitlines() if line.strip()]
+    end = [" ".join(line.split())[-_LINE_LETTERS:] for line in lines[-_TAIL_LINES:]]
     return _exception(lines) or "; ".join(end)
 
 
@@ -66,4 +71,5 @@ def _exception(lines: list[str]) -> str:
         if frame := _FRAME.match(line):
             frames.append(frame)
     own = next((one for one in frames if not _LIBRARY.search(one["file"])), frames[0])
-    return f"{lines[end]} ({Path(own['file']).name} line {own['line']}, {own['where']})"
+    where = f"{Path(own['file']).name} line {own['line']}, {own['where']}"
+    return f"{lines[end][:_LINE_LETTERS]} ({where})"

@@ -1,6 +1,7 @@
 """A recorded run as a bag of ROS 2, as other people's tools read it."""
 
 import json
+import sys
 from collections import Counter
 from dataclasses import replace
 from pathlib import Path
@@ -295,3 +296,17 @@ def test_a_disk_that_takes_nothing_leaves_no_file(
     assert export(tmp_path, tmp_path / "flight.mcap") == 3
     assert "No space left on device" in capsys.readouterr().err
     assert not list(tmp_path.glob("*flight*"))
+
+
+def test_two_sensors_with_the_same_topics_do_not_become_one(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (imu,) = (reading for reading in READINGS if reading.sensor == "imu")
+    named = tuple(replace(imu, sensor=name) for name in ("left-imu", "left_imu"))
+    monkeypatch.setattr(sys.modules[__name__], "READINGS", named)
+    record(tmp_path, mode="sim")
+    assert export(tmp_path, tmp_path / "flight.mcap") == 0
+    assert len(decoded(tmp_path / "flight.mcap")["/left_imu/data"]) == 1
+    said = capsys.readouterr().err
+    assert "left out: 1 readings of /twin/left_imu, " in said
+    assert "no topic of their own" in said

@@ -32,6 +32,9 @@ SAID = "RuntimeError: my planner lost its map (corridor_node.py line 110, on_odo
         (TRACEBACK + "went on\n" * 5 + "no  map\n", "went on; went on; no map"),
         ("one\n\ntwo\nthree\nfour\n", "two; three; four"),
         ('  File "cut.py", line 3, in off\n', 'File "cut.py", line 3, in off'),
+        ("\x1b[31m[ERROR] [x]:\tlost\x1b[0m\n", "[ERROR] [x]: lost"),
+        ("cleared \x1b[2J\0the screen\n", "cleared ?[2J?the screen"),
+        ("x" * 9000, "x" * 500),
         ("", ""),
     ],
 )
