@@ -3,6 +3,7 @@
 import json
 import multiprocessing
 import os
+import shlex
 import signal
 import subprocess
 import sys
@@ -282,6 +283,18 @@ def test_runs_of_one_worker_do_not_know_of_each_other(campaign: Path) -> None:
         for path in sorted(folder.glob("*/*/*/trajectory.csv"))
     ]
     assert notes == ["1 by now", "1 by now"]
+
+
+def test_what_is_next_has_the_options_that_chose_the_runs(
+    campaign: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    chosen = ["--repetitions", "1", "--set", "oracles.altitude.max_m=0.5"]
+    assert main([*command(campaign)[3:], *chosen]) == 1
+    (folder,) = (campaign.parent / "out" / "hover").iterdir()
+    words = capsys.readouterr().out.partition("next: wil-campaign ")[2]
+    again = shlex.split(words.partition(" tries other limits")[0])
+    assert again == ["judge", str(campaign), str(folder), *chosen]
+    assert main(again) == 1
 
 
 def test_only_flown_runs_have_folders(campaign: Path) -> None:

@@ -99,6 +99,27 @@ def test_an_estimate_that_is_not_a_number_is_no_pass(
     assert all_landed(folder)
 
 
+@pytest.mark.parametrize(
+    ("until", "sets"), [("takeoff", ()), ("end", ("vehicles.twin.pose_source=mocap",))]
+)
+def test_an_estimate_that_is_not_a_number_matters_in_flight_where_it_is_judged(
+    fly_run: Fly, until: Stage, sets: tuple[str, ...]
+) -> None:
+    came: list[int] = []
+
+    def change(frame: MavlinkFrame, run_state: RunState) -> Iterable[bytes]:
+        if frame.message_id == LOCAL_POSITION_NED and not run_state.reached(until):
+            came.append(1)
+            yield not_a_number(frame) if len(came) % 3 == 0 else frame.raw
+        else:
+            yield frame.raw
+
+    result, folder = flown(fly_run, "px4", change, *sets)
+    assert len(came) > 10
+    assert (result.verdict, result.reason) == ("PASS", "")
+    assert any(event.get("kind") == "unusable_estimate" for event in log_of(folder))
+
+
 def _without_hold(frame: MavlinkFrame, run_state: RunState, what: Hold) -> Iterable[bytes]:
     """Take the fix, the absolute position, or trust in the GPS from an estimator at its goal."""
     yield without_hold(frame, what) if run_state.reached("goal") else frame.raw

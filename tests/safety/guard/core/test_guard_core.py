@@ -184,6 +184,14 @@ def test_a_vehicle_whose_positions_end_is_landed_for_its_fence_cannot_be_held(pa
     assert pair.core.all_down
 
 
+def test_positions_that_end_in_a_landing_are_no_further_cause(pair: Any) -> None:
+    pair.fly(1.0)
+    abort(pair)
+    pair.blind = ("real",)
+    pair.fly(3.5)
+    assert "lost" not in pair.kinds()
+
+
 @pytest.mark.parametrize("without", ["fence", "positions", "air"])
 def test_positions_are_missed_only_where_they_came_and_a_flying_vehicle_has_a_fence(
     fake_vehicle: Any, rig: Any, without: str
