@@ -8,7 +8,7 @@ only.
 import json
 import signal
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Self
@@ -17,6 +17,7 @@ import psutil
 
 from wil_campaign.foundation.processes.child import ChildProcess
 from wil_campaign.foundation.processes.last_output import last_output, output_with_interpreter
+from wil_campaign.foundation.processes.limited_log import limited_log
 from wil_campaign.foundation.processes.process_memory import resident_mb
 from wil_campaign.vehicles.errors import VehicleError
 
@@ -105,21 +106,22 @@ class ExternalAutonomy:
         self._folder = folder
         self._term_grace_s = term_grace_s
         self._child: ChildProcess | None = None
+        self._log = ExitStack()
         self.exit: ProgramExit | None = None
 
     async def __aenter__(self) -> Self:
         """Start the autonomy program. Raises ExternalAutonomyError."""
         try:
-            with self._log_path.open("ab") as log:
+            with ExitStack() as stack:
                 child = ChildProcess(
                     argv=self._command,
                     environment=self._environment,
                     folder=self._folder,
-                    output=log.fileno(),
+                    output=stack.enter_context(limited_log(self._log_path)),
                     grace_s=self._term_grace_s,
                 )
                 child.start()
-                self._child = child
+                self._child, self._log = child, stack.pop_all()
         except OSError as error:
             at_fault = error.filename or self._command[0]
             raise ExternalAutonomyError(
@@ -135,6 +137,7 @@ class ExternalAutonomy:
             return
         ended_by_us = child.running
         await child.end()
+        self._log.close()
         self.exit = self._make_exit(child.exit_code, ended_by_us=ended_by_us)
 
     @property

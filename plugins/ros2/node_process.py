@@ -9,6 +9,7 @@ from pathlib import Path
 
 from wil_campaign.foundation.processes.child import ChildProcess, exit_status_text
 from wil_campaign.foundation.processes.last_output import last_output, output_with_interpreter
+from wil_campaign.foundation.processes.limited_log import limited_log
 from wil_campaign.foundation.processes.supervisor import supervised_command
 from wil_campaign.plugins.ros2.wire import WireError
 
@@ -85,12 +86,12 @@ async def started_node(
     command = tuple(argv)
     if not inherited:
         command = supervised_command(argv, parent=os.getpid(), grace_s=_SUPERVISOR_GRACE_S)
-    with log.open("ab") as output:
+    with limited_log(log) as output:
         child = ChildProcess(
             argv=command,
             environment=environment,
             folder=folder,
-            output=output.fileno(),
+            output=output,
             inherited=inherited,
             grace_s=_GRACE_S,
         )
@@ -107,8 +108,8 @@ async def started_node(
             child.start(ended)
         except OSError as error:
             raise WireError(f"the node cannot be started: {argv[0]}: {error.strerror}") from error
-    try:
-        yield node
-    finally:
-        node.ended_by_us = not node.has_ended
-        await child.end()
+        try:
+            yield node
+        finally:
+            node.ended_by_us = not node.has_ended
+            await child.end()

@@ -2,14 +2,13 @@
 
 import os
 import sys
-import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+from wil_campaign.foundation.processes.limited_log import limited_log
+
 OUTPUT_FILE = "output.txt"
-_MAX_BYTES = 16_000_000
-_POLL_S = 0.25
 _TAIL_BYTES = 4096
 
 
@@ -18,30 +17,24 @@ def redirected_run_output(folder: Path) -> Iterator[None]:
     """Write the process's output to the run's folder while in the context; no output, no file.
 
     This covers file descriptors 1 and 2: the user's autonomy and steps, their children, and
-    libraries. Output beyond 16 MB is dropped. Raises OSError.
+    libraries. Raises OSError.
     """
     path = folder / OUTPUT_FILE
-    file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644)
-    before = [os.dup(number) for number in (1, 2)]
-    over = threading.Event()
-    limiter = threading.Thread(target=_limit_size, args=(file, over), name="output", daemon=True)
-    limiter.start()
-    try:
-        _flush()
-        for number in (1, 2):
-            os.dup2(file, number)
-        yield
-    finally:
-        _flush()
-        for number, copy in zip((1, 2), before, strict=True):
-            os.dup2(copy, number)
-            os.close(copy)
-        over.set()
-        limiter.join()
-        empty = os.fstat(file).st_size == 0
-        os.close(file)
-        if empty:
-            path.unlink(missing_ok=True)
+    with limited_log(path) as file:
+        before = [os.dup(number) for number in (1, 2)]
+        try:
+            _flush()
+            for number in (1, 2):
+                os.dup2(file, number)
+            yield
+        finally:
+            _flush()
+            for number, copy in zip((1, 2), before, strict=True):
+                os.dup2(copy, number)
+                os.close(copy)
+    with suppress(OSError):  # somebody may have removed it
+        if path.stat().st_size == 0:
+            path.unlink()
 
 
 def run_output_tail(folder: Path, lines: int) -> list[str]:
@@ -53,18 +46,6 @@ def run_output_tail(folder: Path, lines: int) -> list[str]:
             return file.read().decode("utf-8", "replace").splitlines()[-lines:]
     except OSError:
         return []
-
-
-def _limit_size(file: int, over: threading.Event) -> None:
-    """Truncate a run's output file to its size limit, whenever it exceeds that."""
-    while not over.wait(_POLL_S):
-        _truncate(file)
-    _truncate(file)
-
-
-def _truncate(file: int) -> None:
-    if os.fstat(file).st_size > _MAX_BYTES:
-        os.ftruncate(file, _MAX_BYTES)
 
 
 def _flush() -> None:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from wil_campaign.orchestrator.campaign.workers import run_output
+from wil_campaign.foundation.processes import limited_log
 from wil_campaign.orchestrator.campaign.workers.run_output import (
     OUTPUT_FILE,
     redirected_run_output,
@@ -36,14 +36,20 @@ def test_a_silent_run_has_no_file(tmp_path: Path) -> None:
     assert run_output_tail(tmp_path, 3) == []
 
 
-def test_a_run_that_prints_without_end_fills_no_disk(
+def test_a_run_that_prints_without_end_fills_no_disk_and_its_last_lines_stay(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(run_output, "_MAX_BYTES", 1000)
+    for name, size in (("MOST", 1000), ("HEAD", 300), ("TAIL", 200)):
+        monkeypatch.setattr(limited_log, f"_{name}_BYTES", size)
     with redirected_run_output(tmp_path):
-        for _ in range(100):
-            os.write(1, b"x" * 99 + b"\n")
-    assert (tmp_path / OUTPUT_FILE).stat().st_size == 1000
+        for number in range(100):
+            os.write(1, f"{number:99d}\n".encode())
+    lines = (tmp_path / OUTPUT_FILE).read_text().splitlines()
+    assert [line.strip() for line in lines] == [
+        *("0", "1", "2", "", "[9500 bytes are left out here]"),
+        *("98", "99"),
+    ]
+    assert run_output_tail(tmp_path, 1) == [f"{99:99d}"]
 
 
 def test_a_full_disk_loses_the_output_and_not_the_run(
