@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 
+from wil_campaign.foundation.processes import limited_log
 from wil_campaign.plugins.programs.autonomy_program import (
     ExternalAutonomy,
     ExternalAutonomyError,
@@ -68,6 +69,18 @@ async def test_it_gets_where_to_fly_and_see_and_its_log_is_kept(tmp_path: Path) 
     assert not ended.crashed
     assert running.exit is not None
     assert "to stderr" in running.exit.tail
+
+
+async def test_a_program_that_prints_much_fills_no_disk_and_its_end_is_known(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name, size in (("MOST", 1000), ("HEAD", 300), ("TAIL", 200)):
+        monkeypatch.setattr(limited_log, f"_{name}_BYTES", size)
+    async with program("print('x\\n' * 5000 + 'the end')", tmp_path) as running:
+        await running.ended()
+    assert (tmp_path / "autonomy.log").stat().st_size < 600
+    assert running.exit is not None
+    assert running.exit.tail.endswith("the end")
 
 
 async def test_a_missing_module_is_reported_with_the_interpreter_that_ran(tmp_path: Path) -> None:

@@ -7,8 +7,11 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
+import pytest
+
 from tests.orchestrator.reading.flown_campaign import Flight
 from wil_campaign.foundation.files.document_writer import to_json
+from wil_campaign.foundation.processes import limited_log
 from wil_campaign.orchestrator.run_results.result_parts import (
     ExternalResult,
     ProgramResult,
@@ -45,3 +48,21 @@ async def test_a_node_without_a_module_names_the_interpreter_that_ran(tmp_path: 
     ) as node:
         await ended.wait()
         assert node.last_lines().endswith(f"; it was run by {own}")
+
+
+async def test_a_node_that_prints_much_fills_no_disk_and_its_last_lines_are_known(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name, size in (("MOST", 1000), ("HEAD", 300), ("TAIL", 200)):
+        monkeypatch.setattr(limited_log, f"_{name}_BYTES", size)
+    ended, log = asyncio.Event(), tmp_path / "node.log"
+    async with started_node(
+        [sys.executable, "-S", "-c", "print('x\\n' * 5000 + 'the end')"],
+        environment=os.environ,
+        folder=tmp_path,
+        log=log,
+        on_end=ended.set,
+    ) as node:
+        await ended.wait()
+    assert log.stat().st_size < 600
+    assert node.last_lines().endswith("the end")
