@@ -78,6 +78,26 @@ def test_a_rounded_p_does_not_contradict_what_is_shown() -> None:
         assert said in study_text(study)
 
 
+@pytest.mark.parametrize(
+    ("ps", "kind", "said"),
+    [
+        ([0.03], "shown", "differ: simulation and WIL, p 0.03."),
+        ([0.03, 0.03, 1.0], "not shown", "p 0.09; WIL and reality, p 1, corrected for 3 pairs"),
+        ([0.01, 0.03, 1.0], "shown", "differ: simulation and WIL, p 0.03, corrected for 3 pairs."),
+        ([0.03, None, None], "shown", "differ: simulation and WIL, p 0.03."),
+    ],
+)
+def test_p_is_corrected_for_the_pairs_of_modes(
+    ps: list[float | None], kind: str, said: str
+) -> None:
+    """Each alone, pairs that pass alike differed in 7 to 9 % of campaigns."""
+    pairs = [("sim", "wil"), ("sim", "real"), ("wil", "real")]
+    rates = [PassRate("a", mode, 5, 8, 0, False, None) for mode in ("sim", "wil", "real")]
+    tests = [ModeTest("a", *pair, p) for pair, p in zip(pairs, ps, strict=False)]
+    study = Study(PassRates(tuple(rates), tuple(tests), ()), CampaignGap())
+    assert said in texts(study_conclusions(study), kind)
+
+
 def many_flights(passed: int) -> Study:
     """Return ten cases of 20 flights; of the first, wil passed fewer than sim's 10."""
     rates = [
