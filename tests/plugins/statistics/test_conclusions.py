@@ -98,6 +98,18 @@ def test_p_is_corrected_for_the_pairs_of_modes(
     assert said in texts(study_conclusions(study), kind)
 
 
+@pytest.mark.parametrize(("pairs", "times"), [(1, 6), (3, 7)])
+def test_what_is_needed_is_so_for_the_corrected_p(pairs: int, times: int) -> None:
+    """29 of 30 beside 30 of 30: 174 of 180 and 203 of 210 beside all have a p of 0.03 and 0.015."""
+    passed = {"sim": 30, "wil": 29, "real": 30}
+    rates = [PassRate("a", mode, count, 30, 0, False, None) for mode, count in passed.items()]
+    tests = [ModeTest("a", "sim", "wil", 1.0), ModeTest("a", "sim", "real", 1.0)]
+    tests.append(ModeTest("a", "wil", "real", 1.0))
+    study = Study(PassRates(tuple(rates), tuple(tests[:pairs]), ()), CampaignGap())
+    found = texts(study_conclusions(study), "needed")
+    assert f"{times} times the flights for simulation and WIL" in found
+
+
 def many_flights(passed: int) -> Study:
     """Return ten cases of 20 flights; of the first, wil passed fewer than sim's 10."""
     rates = [
