@@ -57,12 +57,11 @@ from wil_campaign.orchestrator.operator.run_messages import News, RunProgressRep
 from wil_campaign.orchestrator.run.stages.return_flight import return_plan
 from wil_campaign.orchestrator.run.vehicles.preflight_checks import disk_item
 from wil_campaign.orchestrator.run_results.attempts import after_attempts, attempt_of, retry_due
-from wil_campaign.orchestrator.run_results.campaign_results import Summary, summarize
+from wil_campaign.orchestrator.run_results.campaign_results import Summary, SummaryText, summarize
 from wil_campaign.orchestrator.run_results.exit_codes import exit_code, rehearsal_code
 from wil_campaign.orchestrator.run_results.junit import junit_xml
 from wil_campaign.orchestrator.run_results.result_parts import distinct_firmware
 from wil_campaign.orchestrator.run_results.run_result import NOT_ARMED, RunResult
-from wil_campaign.orchestrator.run_results.summary_text import SummaryText
 from wil_campaign.orchestrator.state.faults import InternalFaults, fault_log
 from wil_campaign.orchestrator.state.run_setup import RunOrder
 

@@ -1,11 +1,12 @@
 """The result of a campaign: the fields of summary.json."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 from wil_campaign.campaigns.values.acceptance import PassRequirement
 from wil_campaign.foundation.clocks.virtual_loop import Clock
+from wil_campaign.foundation.files.document_writer import to_json
 from wil_campaign.orchestrator.run_results.control_results import control_faults
 from wil_campaign.orchestrator.run_results.exit_codes import equal_run_texts, is_campaign_accepted
 from wil_campaign.orchestrator.run_results.run_result import RunResult, Stop
@@ -154,3 +155,33 @@ def totals_of(runs: Sequence[RunResult]) -> Totals:
         controls=len(controls),
         controls_met=sum(control.met for control in controls),
     )
+
+
+class SummaryText:
+    """Encodes the summaries of one campaign as `to_json` does, each run once.
+
+    It is written after every run: encoded anew, 1,000 runs take 0.7 s of CPU each time.
+    """
+
+    def __init__(self) -> None:
+        self._known: dict[str, tuple[RunResult, str]] = {}
+
+    def text(self, summary: Summary) -> str:
+        """Return a summary as JSON. Raises ValueError for NaN and infinity."""
+        text = to_json(replace(summary, runs=(), controls=()))
+        text = _with_list(text, "runs", map(self._encoded, summary.runs))
+        return _with_list(text, "controls", map(self._encoded, summary.controls))
+
+    def _encoded(self, run: RunResult) -> str:
+        name = f"{run.case}/{run.mode}/{run.rep}"
+        known = self._known.get(name)
+        if known is None or known[0] != run:
+            known = self._known[name] = run, to_json(run).rstrip().replace("\n", "\n    ")
+        return known[1]
+
+
+def _with_list(text: str, key: str, entries: Iterable[str]) -> str:
+    """Return a JSON text with entries in an empty list of its outermost object."""
+    inner = ",\n    ".join(entries)
+    empty = f'\n  "{key}": []'  # no string of JSON has a line break
+    return text.replace(empty, f"{empty[:-1]}\n    {inner}\n  ]", 1) if inner else text

@@ -21,6 +21,7 @@ from wil_campaign.plugins.cameras.camera_images import decode_camera_image
 from wil_campaign.plugins.cameras.compressed_image import Decode, decoder_for
 from wil_campaign.plugins.cameras.recorded_camera import RecordedImage
 from wil_campaign.plugins.readings.messagepack import BadMessageError
+from wil_campaign.plugins.readings.sender_clock import clock_set_text
 from wil_campaign.vehicles.sources.camera_source import SourceError
 from wil_campaign.vehicles.sources.mcap_limits import (
     DAMAGED,
@@ -28,10 +29,6 @@ from wil_campaign.vehicles.sources.mcap_limits import (
     check_record_length,
     chunk_records,
 )
-
-_JUMP_S, _FASTEST = 10.0, 100.0
-"""A stamp may be so much later than the log times tell: of a simulation, so many times faster."""
-
 
 _DRAWN = (
     "in a run's recording, images that the program drew are there with record: {pictures: jpeg}"
@@ -122,13 +119,9 @@ class McapFile:
             self._zero_s = t_s - (last.offset_s + logged_s - last.logged_s)
         offset_s = t_s - self._zero_s
         if last is not None and is_stamped:
-            step_s, by_log_s = offset_s - last.offset_s, logged_s - last.logged_s
-            if step_s > _JUMP_S + _FASTEST * max(0.0, by_log_s):
-                raise SourceError(
-                    f"{self.name}: the stamp of message {message.sequence} is {step_s:.6g} s after "
-                    f"the one before, and it was logged {by_log_s:.3g} s after it: the sender's "
-                    "clock was set; cut the recording there"
-                )
+            why = clock_set_text(offset_s - last.offset_s, logged_s - last.logged_s)
+            if why:
+                raise SourceError(f"{self.name}: the stamp of message {message.sequence} {why}")
         self._last = _Timed(offset_s, logged_s, is_stamped)
         return offset_s
 

@@ -196,7 +196,7 @@ class MqttOperator:
             await self._flushed()
 
     async def _flushed(self) -> bool:
-        """Wait until all is published and acknowledged; return whether it is.
+        """Wait until all is acknowledged, or nobody is connected; return False when time is up.
 
         A socket that is closed with unread answers is reset, upon which the broker may publish the
         last will in place of the last status.

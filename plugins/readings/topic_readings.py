@@ -20,6 +20,7 @@ from wil_campaign.plugins.readings.depth_images import check_depth_camera, ros1_
 from wil_campaign.plugins.readings.messagepack import BadMessageError
 from wil_campaign.plugins.readings.reading_message import SampleStamps
 from wil_campaign.plugins.readings.ros2_messages import ROS2_TYPES, read_ros2, ros2_stamp_s
+from wil_campaign.plugins.readings.sender_clock import clock_set_text
 from wil_campaign.vehicles.readings import DepthReading, Reading, sensor_names, sensor_type_of
 from wil_campaign.vehicles.readings.checks import reading_fault
 from wil_campaign.vehicles.sources.camera_source import SourceError
@@ -30,8 +31,6 @@ _ROS1_IMAGE = ("ros1", "ros1msg", "sensor_msgs/Image")
 """Encodings and name of the only message of ROS 1 that is read."""
 _LATE_S = 5.0
 """A message that is logged more than this after its stamp was stamped by another clock."""
-_JUMP_S, _FASTEST = 10.0, 100.0
-"""A stamp may be so much later than the log times tell: of a simulation, so many times faster."""
 _FAULTS = (
     McapError,
     ValueError,
@@ -172,14 +171,8 @@ class TopicDecoders:
                 t_s = expected_s
                 if stamped_s:
                     self._shift_s[channel_id] = t_s - stamped_s
-        if last is not None:
-            step_s, by_log_s = t_s - last.t_s, logged_s - last.logged_s
-            if step_s > _JUMP_S + _FASTEST * max(0.0, by_log_s):
-                raise RecordingError(
-                    f"a stamp is {step_s:.6g} s after the one before, and was logged "
-                    f"{by_log_s:.3g} s after it: the sender's clock was set; cut the recording "
-                    "there"
-                )
+        if last is not None and (why := clock_set_text(t_s - last.t_s, logged_s - last.logged_s)):
+            raise RecordingError(f"a stamp {why}")
         self._last_s[channel_id] = _Timed(t_s, logged_s, bool(stamped_s))
         return t_s
 

@@ -210,7 +210,7 @@ class OracleRunner:
             self.doubt(DoubtSample(event.t_s, context.name, "identity", "mavlink", event.text))
         if event.kind == "unusable_estimate" and flies and context.pose_source == "mavlink":
             self.doubt(DoubtSample(event.t_s, context.name, POSE, "mavlink", event.text))
-        if event.kind not in {"text", "unusable_estimate"}:
+        if event.kind != "text":
             self._judge_state(context, event.t_s)
 
     def _failure(self, context: VehicleContext, reason: str) -> None:

@@ -6,10 +6,9 @@ import pytest
 
 from tests.orchestrator.run_results.test_results import result, summary
 from wil_campaign.foundation.files.document_writer import to_json
-from wil_campaign.orchestrator.run_results import summary_text
-from wil_campaign.orchestrator.run_results.campaign_results import Summary
+from wil_campaign.orchestrator.run_results import campaign_results
+from wil_campaign.orchestrator.run_results.campaign_results import Summary, SummaryText
 from wil_campaign.orchestrator.run_results.run_result import RunResult
-from wil_campaign.orchestrator.run_results.summary_text import SummaryText
 
 SPLIT = result("FAIL", 2, reason='"runs": []\n  "controls": [],\n  "runs": []')
 
@@ -28,7 +27,7 @@ def test_a_run_is_encoded_again_only_when_it_has_changed(monkeypatch: pytest.Mon
         encoded.extend([document.rep] if isinstance(document, RunResult) else [])
         return to_json(document)
 
-    monkeypatch.setattr(summary_text, "to_json", noted)
+    monkeypatch.setattr(campaign_results, "to_json", noted)
     writer, runs = SummaryText(), [result(rep=1), result(rep=2)]
 
     def text_of(*some: RunResult) -> tuple[str, Summary]:

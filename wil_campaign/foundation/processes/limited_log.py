@@ -23,10 +23,12 @@ def limited_log(path: Path) -> Iterator[int]:
     limiter = threading.Thread(target=_limit_size, args=(file, over), name="output", daemon=True)
     try:
         limiter.start()
-        yield file
+        try:
+            yield file
+        finally:
+            over.set()
+            limiter.join()
     finally:
-        over.set()
-        limiter.join()
         os.close(file)
 
 
@@ -40,6 +42,7 @@ def _limit_size(file: int, over: threading.Event) -> None:
 
 
 def _drop_middle(file: int) -> None:
+    """Drop the middle of a file that is too large, and what is written to it in that moment."""
     size = os.fstat(file).st_size
     if size <= _MOST_BYTES:
         return
