@@ -90,7 +90,7 @@ def test_a_rounded_p_does_not_contradict_what_is_shown() -> None:
 def test_p_is_corrected_for_the_pairs_of_modes(
     ps: list[float | None], kind: str, said: str
 ) -> None:
-    """Each alone, pairs that pass alike differed in 7 to 9 % of campaigns."""
+    """Each alone, some pair of three that pass alike differed in up to 10 % of campaigns."""
     pairs = [("sim", "wil"), ("sim", "real"), ("wil", "real")]
     rates = [PassRate("a", mode, 5, 8, 0, False, None) for mode in ("sim", "wil", "real")]
     tests = [ModeTest("a", *pair, p) for pair, p in zip(pairs, ps, strict=False)]
