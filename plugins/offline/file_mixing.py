@@ -67,7 +67,10 @@ class MixOrder:
 
 @dataclass(frozen=True, slots=True)
 class CombinationReport:
-    """The report of one combination mixed from files. reasons: the first of each kind."""
+    """The report of one combination mixed from files.
+
+    reasons: the first of each kind. lacks: what the recordings lack, in words, each with its file.
+    """
 
     name: str
     frames: int
@@ -75,11 +78,12 @@ class CombinationReport:
     dropped: Mapping[str, int]
     faults: Mapping[str, int]
     reasons: tuple[str, ...]
+    lacks: tuple[str, ...] = ()
 
     @property
     def complete(self) -> bool:
-        """Return whether there are frames, and all of them were mixed."""
-        return self.frames > 0 and self.mixed == self.frames
+        """Return whether there are frames, all of them were mixed, and no input lacks any."""
+        return self.frames > 0 and self.mixed == self.frames and not self.lacks
 
 
 def mix_files(order: MixOrder) -> tuple[CombinationReport, ...]:
@@ -164,7 +168,7 @@ def _mix_pairs(
             reasons.setdefault(provenance.dropped, provenance.detail)
         output.receive(name, pair)
     counts = mixer.counts()
-    lacking = [f"{file}: {what}" for file, what in inputs.lacking.items()]
+    lacks = tuple(f"{file}: {what}" for file, what in inputs.lacking.items())
     refused = twins.faults[:1] if isinstance(twins, StreamedTwinPairing) else []
     return CombinationReport(
         name=name,
@@ -172,7 +176,8 @@ def _mix_pairs(
         mixed=counts.mixed,
         dropped=dict(counts.dropped),
         faults=dict(counts.faults),
-        reasons=(*reasons.values(), *refused, *lacking),
+        reasons=(*reasons.values(), *refused, *lacks),
+        lacks=lacks,
     )
 
 

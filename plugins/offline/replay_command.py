@@ -25,8 +25,8 @@ def replay_run(
 ) -> int:
     """Mix a recorded run again, and report where the result diverges from the recording.
 
-    Exits with 0 when it does not diverge, with 1 when it does, and with 3 when the recording has no
-    mixture to compare.
+    Exits with 0 when it does not diverge, with 1 when it does, and with 3 when the recording is cut
+    or lacks messages, or has no mixture to compare.
 
     Parameters
     ----------
@@ -56,7 +56,7 @@ def replay_run(
         write_stdout(f"written: {out_}")
     if report.diverges:
         return 1
-    return 0 if report.compared else 3
+    return 0 if report.compared and not report.lacks else 3
 
 
 def _as_text(report: ReplayReport) -> str:

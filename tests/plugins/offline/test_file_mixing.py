@@ -208,8 +208,8 @@ def test_a_cut_recording_is_mixed_as_far_as_it_goes_and_that_is_reported(
     recorded(here / "run.mcap")
     whole = (here / "run.mcap").read_bytes()
     (here / "run.mcap").write_bytes(whole[: len(whole) * 2 // 3])
-    assert mix(here, "color.yaml", ".", ".", "mixed.mcap", "--sensor", "range") == 0
-    assert "run.mcap: the recording is cut after byte " in capsys.readouterr().out
+    assert mix(here, "color.yaml", ".", ".", "mixed.mcap", "--sensor", "range") == 3
+    assert "run.mcap: the recording is cut after byte " in capsys.readouterr().err
     (here / "run.mcap").write_bytes(b"")
     assert mix(here, "color.yaml", ".", ".", "again.mcap") == 2
     assert "of twin; the recording is cut after byte 0" in capsys.readouterr().err

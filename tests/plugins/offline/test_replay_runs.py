@@ -129,7 +129,7 @@ def test_a_run_mixed_anew_equals_its_recording(
     cut = tmp_path / "cut.mcap"
     cut.write_bytes(whole[: len(whole) * 2 // 3])
     code, report = replayed(capsys, str(cut))
-    assert code == 0
+    assert code == 3
     assert 10 < report["combinations"][0]["frames"] < combinations["camera"]["frames"]
     assert report["lacks"].startswith("the recording is cut after byte ")
 
@@ -253,7 +253,7 @@ def test_a_cut_in_a_recording_is_reported(ranges: Path, capsys: pytest.CaptureFi
     file = ranges / "run.mcap"
     whole = file.read_bytes()
     file.write_bytes(whole[: len(whole) // 2])
-    assert main(["replay", str(ranges)]) == 0
+    assert main(["replay", str(ranges)]) == 3
     assert "the recording is cut after byte " in capsys.readouterr().out
 
 
