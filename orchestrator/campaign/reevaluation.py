@@ -26,6 +26,7 @@ from wil_campaign.orchestrator.run.judging.run_oracles import build_judge
 from wil_campaign.orchestrator.run.judging.run_outcome import outcome_reason
 from wil_campaign.orchestrator.run_results.campaign_results import Summary, summarize
 from wil_campaign.orchestrator.run_results.control_results import control_result
+from wil_campaign.orchestrator.run_results.evidence_files import foreign_files
 from wil_campaign.orchestrator.run_results.exit_codes import exit_code
 from wil_campaign.orchestrator.run_results.result_reader import (
     ResultError,
@@ -249,6 +250,8 @@ def judge_run_again(plan: RunPlan, folder: Path) -> Reevaluation:
         timeouts=judge.timeouts,
         worst=judge.worst_texts,
     )
+    if foreign := foreign_files(folder, before.evidence_files):
+        raise RecordingError(f"{folder}: {foreign[0]}; restore the file, or fly the campaign again")
     note = decision.note or _note_at(folder, decision, before)
     reason = outcome_reason(decision, note, oracles, goal_s=played.stages.get("goal"))
     campaign = setup.case

@@ -19,7 +19,7 @@ from wil_campaign.orchestrator.run_results.run_result import RunResult
 
 T = TypeVar("T")
 
-_ADDED: Mapping[str, object] = {"firmware": ()}
+_ADDED: Mapping[str, object] = {"firmware": (), "evidence_files": {}}
 """Fields that a result.json of an earlier version does not have, with what they are then."""
 
 

@@ -233,6 +233,8 @@ class RunResult:
     INVALID or ABORTED; empty where it may be. slow: autonomies slower than real time. code: the
     user's own Python files that the run imported, relative to the campaign file, with SHA-256.
     firmware: of the vehicles that identified themselves; empty in results of earlier versions.
+    evidence_files: those on which the verdict rests, as the flight wrote them, with SHA-256; empty
+    in results of earlier versions.
     """
 
     case: str
@@ -270,6 +272,7 @@ class RunResult:
     slow: tuple[SlowAutonomy, ...] = ()
     code: Mapping[str, str] = field(default_factory=dict)
     firmware: tuple[FlownFirmware, ...] = ()
+    evidence_files: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def subject(self) -> str:

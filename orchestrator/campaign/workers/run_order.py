@@ -30,6 +30,7 @@ from wil_campaign.orchestrator.campaign.folder.named_files import document_place
 from wil_campaign.orchestrator.campaign.workers.run_output import redirected_run_output
 from wil_campaign.orchestrator.operator.run_messages import OperatorInbox, Report, RunProgressReport
 from wil_campaign.orchestrator.run_results.attempts import after_attempts
+from wil_campaign.orchestrator.run_results.evidence_files import evidence_digests
 from wil_campaign.orchestrator.run_results.result_reader import ResultError, read_result
 from wil_campaign.orchestrator.run_results.run_result import RunResult
 from wil_campaign.orchestrator.state.run_setup import RunOrder, RunSetup
@@ -151,9 +152,10 @@ def fly_order(order: RunOrder, report: Report, inbox: OperatorInbox) -> RunResul
             if order.back is not None:
                 setup = return_setup(setup, order.back)
             result = after_attempts(fly_one_run(setup, report, inbox), order.attempts)
-            result = replace(result, code=_imported_code(order))
             order.folder.mkdir(parents=True, exist_ok=True)  # it may have been removed in flight
             sync_files(order.folder)
+            digests = evidence_digests(order.folder)
+            result = replace(result, code=_imported_code(order), evidence_files=digests)
             _require_unflown(order.folder)  # a file system may have no locks
             write_atomically(order.folder / _RESULT, to_json(result))
             if _is_filmed(setup, result):

@@ -64,6 +64,7 @@ from wil_campaign.orchestrator.report.reading.world_facts import (
     recorded_world,
 )
 from wil_campaign.orchestrator.report.words import place_text, short_time, time_text, velocity_text
+from wil_campaign.orchestrator.run_results.evidence_files import foreign_files
 from wil_campaign.orchestrator.run_results.run_result import RunResult
 from wil_campaign.safety.fence.geofence import Fence
 from wil_campaign.safety.model.oracle_results import OracleResult
@@ -310,6 +311,8 @@ def _read_parts(place: Path, entry: RunEntry) -> _Parts:
     trajectory = read_trajectory(place / "trajectory.csv")
     world = recorded_world(read_facts(place / "run.mcap"), entry.case, entry.mode)
     problems = [*log.problems, *motion.problems, *trajectory.problems, *world.problems]
+    if entry.result is not None:
+        problems += foreign_files(place, entry.result.evidence_files)
     stages = dict(log.stages) or dict(motion.stages)
     if entry.result is not None and motion.poses and "end" not in motion.stages:
         last_s = max(t_s for poses in motion.poses.values() for t_s, _ in poses[-1:])

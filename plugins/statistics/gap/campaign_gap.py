@@ -4,6 +4,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from wil_campaign.orchestrator.reading.model import RunEntry
+from wil_campaign.orchestrator.run_results.evidence_files import foreign_files
 from wil_campaign.plugins.statistics.gap.gap import CampaignGap, measure_gap
 from wil_campaign.plugins.statistics.gap.motion import MotionError, RunMotion, read_motion
 from wil_campaign.plugins.statistics.pass_rates import is_proven
@@ -21,6 +22,9 @@ def read_gap(folder: Path, entries: Iterable[RunEntry]) -> CampaignGap:
     left_out: list[str] = []
     for entry in runs:
         if entry.result is None or not is_proven(entry.result):
+            continue
+        if foreign := foreign_files(folder / entry.name, entry.result.evidence_files):
+            left_out.append(f"{entry.name}: {foreign[0]}")
             continue
         try:
             motion = read_motion(folder / entry.name, entry.result.subject, entry.result.seed)

@@ -183,6 +183,23 @@ def test_a_damaged_recording_is_refused(recorded: Path, tmp_path: Path) -> None:
         (tmp_path / name).write_bytes(whole)
 
 
+@pytest.mark.parametrize("name", ["judged.msgpack", "log.jsonl", "trajectory.csv"])
+def test_a_whole_file_of_another_flight_is_refused(
+    recorded: Path, tmp_path: Path, name: str
+) -> None:
+    plan = replace(plan_of(()), case="large", mode="sim")
+    shutil.copytree(recorded / "large" / "sim" / "1", tmp_path, dirs_exist_ok=True)
+    (control,) = (path for path in recorded.glob(f"*/sim/1/{name}") if "large" not in path.parts)
+    shutil.copy(control, tmp_path / name)
+    with pytest.raises(RecordingError, match=f"{name} is not that of this flight"):
+        judge_run_again(plan, tmp_path)
+    # A result of an earlier version does not say which files were its own.
+    earlier = json.loads((tmp_path / "result.json").read_text())
+    del earlier["evidence_files"]
+    (tmp_path / "result.json").write_text(to_json(earlier))
+    judge_run_again(plan, tmp_path)
+
+
 def test_a_run_whose_log_lacks_what_decided_it_is_refused(recorded: Path, tmp_path: Path) -> None:
     for path in (recorded / "large" / "sim" / "1").iterdir():
         (tmp_path / path.name).write_bytes(path.read_bytes())
@@ -211,7 +228,12 @@ def test_an_event_of_another_part_stays_whatever_the_oracles_are_named(
     kind: Verdict = "FAIL" if with_flag else "INVALID"
     said = "twin is 9 m high" if with_flag else "they were 2 m apart"
     decided = replace(
-        flown, verdict=kind, reason=said, decided_by="sync/twin", oracles=(*flown.oracles, one)
+        flown,
+        verdict=kind,
+        reason=said,
+        decided_by="sync/twin",
+        oracles=(*flown.oracles, one),
+        evidence_files={},  # of an earlier version: the log is changed below
     )
     write_atomically(tmp_path / "result.json", to_json(decided))
     event = {"t_s": 5.0, "event": "decisive", "kind": kind, "reason": said, "source": "sync/twin"}

@@ -16,6 +16,7 @@ from tests.orchestrator.report.recorded_campaign import (
     touched,
     write_campaign,
 )
+from wil_campaign.foundation.files.document_writer import to_json
 from wil_campaign.orchestrator.reading.errors import ResultsFolderError
 from wil_campaign.orchestrator.reading.model import CampaignDocuments
 from wil_campaign.orchestrator.reading.results_folder import read_campaign_documents
@@ -32,6 +33,7 @@ from wil_campaign.orchestrator.report.reading.outlines import ring_of_outline
 from wil_campaign.orchestrator.report.reading.run_reader import read_run
 from wil_campaign.orchestrator.report.reading.sight_decoding import ImageSize
 from wil_campaign.orchestrator.report.rendering.page import render_run
+from wil_campaign.orchestrator.run_results.evidence_files import EVIDENCE_FILES, evidence_digests
 from wil_campaign.orchestrator.run_results.result_parts import DropOut, TwinResult
 from wil_campaign.orchestrator.run_results.run_result import (
     LaterEvent,
@@ -220,6 +222,18 @@ def test_a_damaged_file_takes_nothing_but_itself(copied: Path, file: str, damage
     assert run.cause.violated == "collision of real"
     assert bool(run.tracks)
     assert bool(run.strip) == (file != "run.mcap" or damage == "cut")
+
+
+@pytest.mark.parametrize("file", EVIDENCE_FILES)
+def test_a_file_that_the_flight_did_not_write_is_named(copied: Path, file: str) -> None:
+    place = copied / FAILED
+    own = replace(touched(), evidence_files=evidence_digests(place))
+    (place / "result.json").write_text(to_json(own))
+    assert run_of(copied).problems == ()
+    with (place / file).open("ab") as stream:
+        stream.write(b"\n")
+    says = f"{file} is not that of this flight"
+    assert any(problem.startswith(says) for problem in run_of(copied).problems)
 
 
 @pytest.mark.parametrize(

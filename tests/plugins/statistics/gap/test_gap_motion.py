@@ -1,11 +1,16 @@
 """The motion of a run for the gap: what a damaged trajectory.csv is taken for."""
 
+import shutil
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from tests.orchestrator.reading.flown_campaign import DONE_S, flights, write_flown
+from wil_campaign.foundation.files.document_writer import to_json
+from wil_campaign.orchestrator.run_results.evidence_files import evidence_digests
+from wil_campaign.orchestrator.run_results.result_reader import read_result
 from wil_campaign.plugins.statistics.gap.motion import MotionError, read_motion
 from wil_campaign.plugins.statistics.study import Study
 from wil_campaign.plugins.statistics.study_tables import study_statements
@@ -42,6 +47,16 @@ def test_a_damaged_trajectory_stands_for_no_commands(
     study = Study.read(flown)
     assert study.gap.left_out[0].startswith(f"{RUN}: trajectory.csv")
     assert any(RUN in text and says in text for text in study_statements(study))
+
+
+def test_a_flight_with_files_of_another_one_is_left_out(flown: Path) -> None:
+    place = flown / RUN
+    result = replace(read_result(place / "result.json"), evidence_files=evidence_digests(place))
+    (place / "result.json").write_text(to_json(result))
+    assert Study.read(flown).gap.left_out == ()
+    shutil.copy(flown / "large/real/2/judged.msgpack", place)
+    (left_out,) = Study.read(flown).gap.left_out
+    assert left_out.startswith(f"{RUN}: judged.msgpack is not that of this flight")
 
 
 def test_a_trajectory_that_ends_after_the_goal_is_whole(flown: Path) -> None:
