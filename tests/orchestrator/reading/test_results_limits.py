@@ -38,7 +38,7 @@ def test_a_result_of_many_values_or_bytes_is_refused(
         read(path)
     with path.open("ab") as stream:
         stream.truncate(MAX_RESULTS_BYTES + 1)  # takes no room on the disk
-    with pytest.raises(ResultError, match="it is larger than 64,000,000 bytes"):
+    with pytest.raises(ResultError, match="it is larger than 256,000,000 bytes"):
         read(path)
 
 
