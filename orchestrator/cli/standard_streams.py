@@ -71,6 +71,9 @@ class _BrokenPipeStream(io.TextIOBase):
         except OSError:
             _redirect_to_null(self._stream)
 
+    def close(self) -> None:
+        """Leave the stream to its owner: the collector calls this, maybe once it is closed."""
+
 
 def repair_standard_streams() -> None:
     """Make all three standard streams open and able to take any text.

@@ -1,6 +1,7 @@
 """TCP links: `tcpout` connects, and reconnects when lost; `tcpin` listens for clients."""
 
 import asyncio
+import errno
 import socket
 import sys
 from typing import Self
@@ -149,7 +150,9 @@ class TcpInLink(ReceivingLink):
         try:
             self._server = await loop.create_server(self._new_peer, host, port, reuse_address=True)
         except OSError as error:
-            raise LinkError(f"{self.name}: {socket_remedy(error, self._address)}") from error
+            # From Python 3.13 on this has no number for an address that is not this machine's.
+            failed = error if error.errno else OSError(errno.EADDRNOTAVAIL, str(error))
+            raise LinkError(f"{self.name}: {socket_remedy(failed, self._address)}") from error
         return self
 
     async def __aexit__(self, *_: object) -> None:

@@ -117,7 +117,7 @@ async def test_reconnects_and_says_so_once(
             assert heard.data == b"found"
             again.write(b"welcome")
             await answered.holds(b"welcome")
-    lines = [record.getMessage() for record in caplog.records if "tcpout" in record.getMessage()]
+            lines = [one for record in caplog.records if "tcpout" in (one := record.getMessage())]
     assert len(lines) == 2
     assert "lost" in lines[0]
     assert "back after" in lines[1]
