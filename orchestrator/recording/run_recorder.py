@@ -3,14 +3,10 @@
 How much a recording may lack before its run is INVALID; pure.
 """
 
-import math
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import AbstractContextManager, ExitStack
 from pathlib import Path
 from typing import Any, Self
-
-import cv2
-import numpy as np
 
 from wil_campaign.foundation.clocks.sleeping import sleep_until
 from wil_campaign.foundation.clocks.virtual_loop import Clock
@@ -62,13 +58,6 @@ def _is_evidence(topic: str) -> bool:
 
 
 TRAJECTORY_HZ = 20.0
-_SMALL_PNG = (
-    *(cv2.IMWRITE_PNG_COMPRESSION, 4),
-    *(cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_FILTERED),
-)
-"""OpenCV's default is made for speed: 70 ms instead of 23 once a run, for 0.7 MB instead of 1.2."""
-_SNAPSHOT_AFTER_S = 1.0
-"""How long after the start of the goal the preview image is taken."""
 
 
 class RunRecorder:
@@ -119,9 +108,7 @@ class RunRecorder:
             facts=facts,
             mounts=mounts_in(facts),
         )
-        self._goal_s: float | None = None
-        self._snapshot: PreviewImages | None = None
-        self._last: PreviewImages | None = None
+        self._is_shown = False
         self._collision_oracles = collision_oracles
         self.collisions: list[Flag] = []
         self._broken = broken
@@ -147,11 +134,6 @@ class RunRecorder:
         finally:
             self._guard_write(self._stack.close)
             self._look_for_removed()
-        shown = self._snapshot or self._last
-        if shown is None:
-            return
-        if not cv2.imwrite(str(self._folder / "mixed.png"), images_side_by_side(shown), _SMALL_PNG):
-            self._break("mixed.png cannot be written")
 
     def _guard_write(self, write: Callable[..., None], *args: Any, **details: Any) -> None:
         """Call a write function; its failure breaks the recorder, not the flight."""
@@ -200,8 +182,6 @@ class RunRecorder:
 
     def stage(self, stage: str, t_s: float) -> None:
         """Record that the run reached a stage."""
-        if stage == "goal":
-            self._goal_s = t_s
         self._write_log(t_s, "stage", stage=stage)
         self._mcap.event(t_s, "info", "stage", stage)
 
@@ -260,13 +240,10 @@ class RunRecorder:
             self._mcap.visibility(frame.name, frame.visibility, now_s=self._time())
 
     def shown(self, shown: PreviewImages) -> None:
-        """Record a perceived image, and one set of preview images."""
-        if self._last is None:
+        """Record once which images the judged vehicle's autonomy perceives."""
+        if not self._is_shown:
+            self._is_shown = True
             self._mcap.event(self._time(), "info", PERCEIVED, shown.topic)
-        self._last = shown
-        due_s = math.inf if self._goal_s is None else self._goal_s + _SNAPSHOT_AFTER_S
-        if self._snapshot is None and shown.perceived.t_s >= due_s:
-            self._snapshot = shown
 
     def images_ended(self, topics: tuple[str, ...]) -> None:
         """Record that these topics have no further images: the autonomies fly no more."""
@@ -315,20 +292,3 @@ def _row(context: VehicleContext, stage: str, now_s: float) -> TrajectoryRow:
         setpoint=context.setpoint,
         note=context.note,
     )
-
-
-def images_side_by_side(shown: PreviewImages) -> "np.ndarray[tuple[int, ...], np.dtype[np.uint8]]":
-    """Return real, twin and mixed image side by side, each with its name."""
-    panels = [("real", shown.real), ("twin", shown.twin), ("mixed", shown.perceived)]
-    drawn = []
-    for name, reading in panels:
-        if reading is None:
-            continue
-        image = reading.image_bgr.copy()
-        cv2.putText(image, name, (12, 28), cv2.FONT_HERSHEY_SIMPLEX, 0.8, (0, 0, 0), 4, cv2.LINE_AA)
-        cv2.putText(
-            image, name, (12, 28), cv2.FONT_HERSHEY_SIMPLEX, 0.8, (255, 255, 255), 1, cv2.LINE_AA
-        )
-        drawn.append(image)
-    height_px = min(image.shape[0] for image in drawn)
-    return np.hstack([image[:height_px] for image in drawn]).astype(np.uint8)

@@ -69,7 +69,6 @@ def assert_whole(folder: Path, result: RunResult) -> None:
     assert set(result.artifacts) == {
         "judged.msgpack",
         "log.jsonl",
-        "mixed.png",
         "real.tlog",
         "run.mcap",
         "trajectory.csv",
