@@ -346,8 +346,8 @@ class Driver:
     async def ready(self, timeout_s: float) -> None:
         """Wait until the vehicle can arm and take off, and anchor it at its start pose.
 
-        Raises NotReadyError with the reasons and the last STATUSTEXTs, and VehicleError when a
-        second vehicle has its system id.
+        One that is armed is another's. Raises NotReadyError with the reasons and the last
+        STATUSTEXTs, and VehicleError when a second vehicle has its system id.
         """
         vehicle = self._require_identified()
         loop = asyncio.get_running_loop()
@@ -361,7 +361,8 @@ class Driver:
                 break
             if loop.time() >= deadline_s:
                 what = f"{self.name}: not ready to arm within {timeout_s:g} s"
-                raise not_ready_error(vehicle, what, self._reasons(), self._circumstances())
+                reasons = (*self._armed_reason(), *self._reasons())
+                raise not_ready_error(vehicle, what, reasons, self._circumstances())
             for message in vehicle.messages_to_get_ready():
                 self._session.send(message)
         vehicle.streams.watch(only_known=True)
@@ -520,7 +521,12 @@ class Driver:
                 raise AnchorError(f"{self.name}: {error}") from error
 
     def _is_ready_or_two(self) -> bool:
-        return not self._reasons() or bool(self._session.second_vehicle.found)
+        is_ready = not self._armed_reason() and not self._reasons()
+        return is_ready or bool(self._session.second_vehicle.found)
+
+    def _armed_reason(self) -> tuple[str, ...]:
+        armed = self._require_identified().status.state.armed
+        return ("it is armed already, by somebody else; land and disarm it first",) if armed else ()
 
     def _reasons(self) -> tuple[str, ...]:
         return self._require_identified().reasons(self._rates.position_hz)
