@@ -141,6 +141,8 @@ class Driver:
         self._status: StatusTracker | None = None
         self._vehicle: IdentifiedVehicle | None = None
         self._identified_s = math.inf
+        self._has_armed = False
+        """Whether it was commanded to arm: else somebody else armed it."""
         self._failure: VehicleError | None = None
         self._backend.on_failure(self._on_failure)
 
@@ -372,10 +374,13 @@ class Driver:
         """Anchor the vehicle, set the mode to arm in, arm, and see it armed.
 
         Raises ArmRefusedError with the autopilot's reasons, AnchorError, StateTimeoutError, and
-        VehicleError when a second vehicle has its system id.
+        VehicleError when a second vehicle has its system id, or somebody else has armed it.
         """
         vehicle = self._require_identified()
         self.require_alone()
+        for reason in self._armed_reason():
+            raise VehicleError(f"{self.name}: {reason}")
+        self._has_armed = True
         status, autopilot = vehicle.status, vehicle.autopilot
         if self._reasons():
             vehicle.streams.request()
@@ -525,7 +530,7 @@ class Driver:
         return is_ready or bool(self._session.second_vehicle.found)
 
     def _armed_reason(self) -> tuple[str, ...]:
-        armed = self._require_identified().status.state.armed
+        armed = self._require_identified().status.state.armed and not self._has_armed
         return ("it is armed already, by somebody else; land and disarm it first",) if armed else ()
 
     def _reasons(self) -> tuple[str, ...]:

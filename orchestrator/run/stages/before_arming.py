@@ -61,6 +61,8 @@ _LISTENED_S = 3.2
 it arms; what else has its ids has been received by then."""
 
 
+_READY_AGAIN_S = 30.0
+"""Less than the watchdog lets the stage of arming last: each was ready before."""
 _ANCHORED_S = 0.2
 """After so long the newest pose is by the newest anchor; positions come at 25 Hz at least."""
 
@@ -136,13 +138,10 @@ class BeforeArming:
 
         Meanwhile a battery runs down or is changed, and a vehicle is moved. Raises as `apply` does.
         """
-        timeout_s = self._setup.case.sync.ready_timeout_s
+        timeout_s = min(_READY_AGAIN_S, self._setup.case.sync.ready_timeout_s)
         standing = (*contexts, *(one for one in self._actors if not one.driver.state.armed))
         anchors = {one.name: one.driver.anchor for one in contexts}
-        await each_vehicle(
-            (one for one in standing if not one.driver.state.armed),
-            lambda one: one.driver.ready(timeout_s),
-        )
+        await each_vehicle(standing, lambda one: one.driver.ready(timeout_s))
         for context in contexts:
             self._refuse_rebooted(context)
             self._refuse_moved(context, anchors[context.name])

@@ -207,7 +207,19 @@ def test_a_vehicle_that_somebody_else_has_armed_is_not_ready(fake_pair: Callable
         asyncio.get_running_loop().call_later(10.0, setattr, peer, "armed", False)
         began_s = asyncio.get_running_loop().time()
         await driver.ready(60.0)
-        return asyncio.get_running_loop().time() - began_s
+        ready_s = asyncio.get_running_loop().time() - began_s
+        peer.armed = True
+        peer.heartbeat()
+        await asyncio.sleep(0.1)
+        with pytest.raises(VehicleError, match="armed already, by somebody else; land and disarm"):
+            await driver.arm()
+        assert peer.commands(400) == []
+        peer.armed = False
+        peer.heartbeat()
+        await asyncio.sleep(0.1)
+        await driver.arm()
+        await driver.ready(5.0)
+        return ready_s
 
     assert 10.0 < _run(fake_pair, script) < 11.5
 

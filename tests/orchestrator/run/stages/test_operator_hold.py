@@ -100,13 +100,15 @@ _STAMPED = frozenset({LOCAL_POSITION_NED, mavlink.MAVLINK_MSG_ID_ATTITUDE_QUATER
 
 
 def changed(frame: MavlinkFrame, what: str) -> bytes:
-    """Return a frame of a vehicle whose battery is empty, that was moved, or was switched off."""
+    """Return a frame of a vehicle that is empty, moved, switched off, or armed by somebody."""
     payload = padded(frame, 31)
     if what == "battery" and frame.message_id == mavlink.MAVLINK_MSG_ID_SYS_STATUS:
         payload[30] = 5
     elif what == "moved" and frame.message_id == LOCAL_POSITION_NED:
         (north_m,) = struct.unpack_from("<f", payload, 4)
         struct.pack_into("<f", payload, 4, north_m + 3.0)
+    elif what == "armed" and frame.message_id == mavlink.MAVLINK_MSG_ID_HEARTBEAT:
+        payload[6] |= mavlink.MAV_MODE_FLAG_SAFETY_ARMED
     elif what == "reboot" and frame.message_id in _STAMPED:
         (boot_ms,) = struct.unpack_from("<I", payload)
         struct.pack_into("<I", payload, 0, boot_ms - 60_000)
@@ -123,6 +125,7 @@ def changed(frame: MavlinkFrame, what: str) -> bytes:
         ("gate", "takeoff", "battery", "preflight: twin battery: its charge is 0.05"),
         ("gate", "ready", "moved", "twin was moved by 3.0 m after its fence had been uploaded"),
         ("gate-ardupilot", "ready", "reboot", "twin rebooted after its parameters and fence"),
+        ("gate", "ready", "armed", "twin: not ready to arm within 30 s: it is armed"),
     ],
 )
 def test_a_vehicle_that_stood_through_a_hold_is_checked_again_before_it_arms(
@@ -135,7 +138,7 @@ def test_a_vehicle_that_stood_through_a_hold_is_checked_again_before_it_arms(
 
         def change(frame: MavlinkFrame, run_state: RunState) -> Iterable[bytes]:
             since_s = run_state.entered_s.get(stage, 99.0)
-            is_later = asyncio.get_running_loop().time() > since_s + 20.0
+            is_later = since_s + 20.0 < asyncio.get_running_loop().time() < since_s + 100.0
             yield changed(frame, what) if is_later else frame.raw
 
         through(change)(pair, run_state)
