@@ -2,12 +2,13 @@
 
 import itertools
 import json
-from collections.abc import Callable, Iterator
+import math
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Protocol
 
-from wil_campaign.campaigns.expansion.expansion import Campaign
+from wil_campaign.campaigns.expansion.expansion import Campaign, RunPlan
 from wil_campaign.campaigns.schema.between_runs import BetweenRunsPart
 from wil_campaign.campaigns.setup.case_setup import Case
 from wil_campaign.orchestrator.campaign.workers.run_workers import WorkerLost
@@ -22,6 +23,7 @@ from wil_campaign.orchestrator.state.return_path import (
 )
 from wil_campaign.orchestrator.state.run_setup import RunOrder
 from wil_campaign.worlds.clearance.clearance import ClearanceProbe
+from wil_campaign.worlds.frames import Pose
 
 _BACK = "back"
 """The folder beneath a campaign's with the return flights, each under its run's name.
@@ -33,8 +35,11 @@ A run that was flown again (`--again`) has a further one in `<rep>-2`, and so on
 class AskPerson(Protocol):
     """Asks a person to move a vehicle back to its start between runs (protocol)."""
 
-    def ask(self) -> None:
-        """Hold the campaign between runs, and show what the person has to do."""
+    def ask(self, elsewhere: str = "") -> None:
+        """Hold the campaign between runs, and show what the person has to do.
+
+        elsewhere: in words, the start of the next run where it is another one.
+        """
 
 
 class BetweenRuns:
@@ -59,23 +64,52 @@ class BetweenRuns:
         self._repositioning = repositioning
         self._say = say
 
-    def after(self, order: RunOrder, result: RunResult) -> RunOrder | None:
-        """Return the return flight after a run that flew; None where there is none."""
+    def after(
+        self,
+        order: RunOrder,
+        result: RunResult,
+        *,
+        coming: Iterable[RunPlan] = (),
+        flown: bool = True,
+    ) -> RunOrder | None:
+        """Return the return flight after a run; None where there is none.
+
+        coming: the runs that are still to be flown, in their order; only a person moves a vehicle
+        to another start. flown: whether it may have flown; else it stands at its start.
+        """
         setup, plan = self._campaign.setups[order.plan.case], order.plan
-        flown = setup.flown_in(plan.mode)
-        if all(one.attached is None or one.name == "twin" for one in flown):
+        if not self._moved_in(plan):
             return None
-        wanted = self._campaign.between
+        wanted, elsewhere = self._campaign.between, self._start_elsewhere(plan, coming)
         if wanted is None or wanted.do == "ask":
-            if wanted is not None or self._hardware:
-                self._repositioning.ask()
+            if (flown or elsewhere) and (wanted is not None or self._hardware):
+                self._repositioning.ask(elsewhere)
             return None
-        back = self._return_order(order, result, setup, wanted)
+        back: RunOrder | str | None = None
+        if elsewhere:
+            back = f"the next run starts elsewhere, at {elsewhere}"
+        elif flown:
+            back = self._return_order(order, result, setup, wanted)
         if not isinstance(back, str):
             return back
         self._say(f"{plan.name}: the vehicle does not fly back: {back}")
-        self._repositioning.ask()
+        self._repositioning.ask(elsewhere)
         return None
+
+    def _moved_in(self, plan: RunPlan) -> dict[str, Pose]:
+        """Return the starts of a run's vehicles that a person or a flight back moves, by name."""
+        flown = self._campaign.setups[plan.case].flown_in(plan.mode)
+        return {one.name: one.start for one in flown if one.attached and one.name != "twin"}
+
+    def _start_elsewhere(self, plan: RunPlan, coming: Iterable[RunPlan]) -> str:
+        """Return in words where vehicles of a run start in the next one; empty for the same."""
+        begun = self._moved_in(plan)
+        following = next((moved for one in coming if (moved := self._moved_in(one))), {})
+        return " and ".join(
+            f"{_place_text(start)} for {name}"
+            for name, start in following.items()
+            if name in begun and begun[name] != start
+        )
 
     def check_return(self, order: RunOrder, outcome: RunResult | WorkerLost) -> None:
         """Check a vehicle's position after its return flight; ask a person if it is off."""
@@ -125,6 +159,14 @@ class BetweenRuns:
             return why
         folder = _unused_folder(self._folder / _BACK / order.plan.name)
         return replace(order, back=way, folder=folder, attempts=())
+
+
+def _place_text(start: Pose) -> str:
+    north_m, east_m, down_m = start.position_ned_m
+    return (
+        f"north {north_m:g} m, east {east_m:g} m, up {0.0 - down_m:g} m, heading "
+        f"{math.degrees(start.yaw_rad):.0f} degrees"
+    )
 
 
 def _unused_folder(folder: Path) -> Path:

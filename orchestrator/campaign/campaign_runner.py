@@ -439,9 +439,19 @@ class _Flight:
                     self._show_output(order)
         if isinstance(outcome, WorkerLost) and self._is_real(order.plan):
             self._lost_with_vehicle = order.plan.name
-        elif following is None and flown and len(self._results) < len(self._due()):
-            following = self._between.after(order, result)
+        elif following is None:
+            following = self._between_runs(order, result, flown=flown)
         return following
+
+    def _between_runs(self, order: RunOrder, result: RunResult, *, flown: bool) -> RunOrder | None:
+        """Return the flight back after a run, if one is due; flown: whether the run may have flown.
+
+        A person may be asked instead, before the next run; not where nothing is armed.
+        """
+        coming = [plan for plan in self._due() if plan.name not in self._results]
+        if not coming or not self._options.arm:
+            return None
+        return self._between.after(order, result, coming=coming, flown=flown)
 
     def _show_output(self, order: RunOrder) -> None:
         lines = run_output_tail(order.folder, _OUTPUT_LINES)

@@ -41,17 +41,21 @@ class Repositioning:
         self._limit: asyncio.TimerHandle | None = None
         self._listening = False
 
-    def ask(self) -> None:
-        """Hold the campaign and ask the person; do nothing if the campaign is stopped."""
+    def ask(self, elsewhere: str = "") -> None:
+        """Hold the campaign and ask the person; do nothing if the campaign is stopped.
+
+        elsewhere: in words, the start of the next run where it is another one.
+        """
         if self._controller.stopped is not None:
             return
         with contextlib.suppress(RefusedLineError):
             self._controller.obey(OperatorCommand("hold", _WHO))
         terminal = sys.stdin.isatty()
         how = "press Enter, or " if terminal else ""
+        where = f"to the start of the next run, {elsewhere}" if elsewhere else "back to its start"
         self._say(
-            f"move {self._vehicles} back to its start, check its battery, and step away; then "
-            f"{how}run: wil-campaign resume"
+            f"move {self._vehicles} {where}, check its battery, and step away; then {how}run: "
+            "wil-campaign resume"
         )
         loop = asyncio.get_running_loop()
         self.end_wait()

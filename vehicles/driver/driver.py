@@ -141,6 +141,8 @@ class Driver:
         self._status: StatusTracker | None = None
         self._vehicle: IdentifiedVehicle | None = None
         self._identified_s = math.inf
+        self._has_armed = False
+        """Whether it was commanded to arm: else somebody else armed it."""
         self._failure: VehicleError | None = None
         self._backend.on_failure(self._on_failure)
 
@@ -346,8 +348,8 @@ class Driver:
     async def ready(self, timeout_s: float) -> None:
         """Wait until the vehicle can arm and take off, and anchor it at its start pose.
 
-        Raises NotReadyError with the reasons and the last STATUSTEXTs, and VehicleError when a
-        second vehicle has its system id.
+        One that is armed is another's. Raises NotReadyError with the reasons and the last
+        STATUSTEXTs, and VehicleError when a second vehicle has its system id.
         """
         vehicle = self._require_identified()
         loop = asyncio.get_running_loop()
@@ -361,7 +363,8 @@ class Driver:
                 break
             if loop.time() >= deadline_s:
                 what = f"{self.name}: not ready to arm within {timeout_s:g} s"
-                raise not_ready_error(vehicle, what, self._reasons(), self._circumstances())
+                reasons = (*self._armed_reason(), *self._reasons())
+                raise not_ready_error(vehicle, what, reasons, self._circumstances())
             for message in vehicle.messages_to_get_ready():
                 self._session.send(message)
         vehicle.streams.watch(only_known=True)
@@ -371,10 +374,13 @@ class Driver:
         """Anchor the vehicle, set the mode to arm in, arm, and see it armed.
 
         Raises ArmRefusedError with the autopilot's reasons, AnchorError, StateTimeoutError, and
-        VehicleError when a second vehicle has its system id.
+        VehicleError when a second vehicle has its system id, or somebody else has armed it.
         """
         vehicle = self._require_identified()
         self.require_alone()
+        for reason in self._armed_reason():
+            raise VehicleError(f"{self.name}: {reason}")
+        self._has_armed = True
         status, autopilot = vehicle.status, vehicle.autopilot
         if self._reasons():
             vehicle.streams.request()
@@ -520,7 +526,12 @@ class Driver:
                 raise AnchorError(f"{self.name}: {error}") from error
 
     def _is_ready_or_two(self) -> bool:
-        return not self._reasons() or bool(self._session.second_vehicle.found)
+        is_ready = not self._armed_reason() and not self._reasons()
+        return is_ready or bool(self._session.second_vehicle.found)
+
+    def _armed_reason(self) -> tuple[str, ...]:
+        armed = self._require_identified().status.state.armed and not self._has_armed
+        return ("it is armed already, by somebody else; land and disarm it first",) if armed else ()
 
     def _reasons(self) -> tuple[str, ...]:
         return self._require_identified().reasons(self._rates.position_hz)

@@ -153,6 +153,7 @@ async def _fly_pair_stages(run: FlightParts) -> None:
         liftoff_delays_s=setup.liftoff_delays_s,
         stagger=run.sync.stagger,
         before_arming=run.before_arming.apply,
+        check_again=run.before_arming.check_again,
         barrier=run.sync.check_takeoff,
         goal=run.goal.fly,
         others_landed=[actor.landed.wait for actor in run.actors],

@@ -145,6 +145,7 @@ class ActorFlight:
     landed: asyncio.Event = field(default_factory=asyncio.Event)
     _way: ActorWay = field(init=False)
     _progress: ActorProgress = field(init=False)
+    _armed: bool = False
     _delay_s: float | None = None
     _offset_m: float = 0.0
     _last: PoseSample | None = None
@@ -224,9 +225,10 @@ class ActorFlight:
     async def _take_off(self, started_s: float) -> None:
         """Arm the actor, command its takeoff in time, and wait until it leaves the ground."""
         driver = self.context.driver
-        if driver.state.landed in _FLIES:  # It took off before an operator's hold.
+        if self._armed and driver.state.landed in _FLIES:  # It took off before an operator's hold.
             return
         await driver.arm()
+        self._armed = True
         self.send_anchors()
         await sleep_until(started_s - self._liftoff_s)
         await driver.begin_takeoff(self._way.climb_m)

@@ -4,6 +4,7 @@ Anchors an autopilot's local frame in the world by motion capture.
 """
 
 import asyncio
+import math
 from collections.abc import Collection, Iterable
 
 from wil_campaign.orchestrator.external.external_io import ExternalIo
@@ -60,6 +61,12 @@ _LISTENED_S = 3.2
 it arms; what else has its ids has been received by then."""
 
 
+_READY_AGAIN_S = 30.0
+"""Less than the watchdog lets the stage of arming last: each was ready before."""
+_ANCHORED_S = 0.2
+"""After so long the newest pose is by the newest anchor; positions come at 25 Hz at least."""
+
+
 class BeforeArming:
     """Applies what vehicles need before they arm, and restores it in reverse when they are down.
 
@@ -67,7 +74,7 @@ class BeforeArming:
     fence, each read back; ready again, for the estimate of the vehicle that was ready first may
     have drifted; external inputs checked, and what observers need; anchors by motion capture; the
     preflight, which checks the result. Before and after all this, no vehicle may have a rival with
-    its system id. contexts: of the pair.
+    its system id. After an operator's hold on the ground, `check_again`. contexts: of the pair.
     """
 
     def __init__(
@@ -89,6 +96,8 @@ class BeforeArming:
         self._preflight = preflight
         self._record = record
         self._actors = actors
+        self._reboots: dict[str, int] = {}
+        """How often each vehicle had rebooted when it was configured."""
         self.configuration = configuration
 
     @property
@@ -110,6 +119,7 @@ class BeforeArming:
                 await actor.driver.ready(timeout_s)
         require_distinct_vehicles(flown)
         self._refuse_rivals()
+        self._reboots = {one.name: one.driver.clock.reboots for one in flown}
         try:
             await each_vehicle(flown, self.configuration.apply)
             await each_vehicle(flown, lambda context: context.driver.ready(timeout_s))
@@ -121,13 +131,34 @@ class BeforeArming:
         with self._record.step("external") as record:
             unbooted = self.configuration.unbooted
             record(await self._external_io.before_arming(unbooted=unbooted))
-        captured = [
-            one for one in self._contexts if self._setup.vehicle(one.name).anchor == "mocap"
-        ]
+        await self._check(self._contexts, self._actors)
+
+    async def check_again(self, contexts: tuple[VehicleContext, ...]) -> None:
+        """Check vehicles of the pair once more that stood through an operator's hold, and actors.
+
+        Meanwhile a battery runs down or is changed, and a vehicle is moved. Raises as `apply` does.
+        """
+        timeout_s = min(_READY_AGAIN_S, self._setup.case.sync.ready_timeout_s)
+        standing = (*contexts, *(one for one in self._actors if not one.driver.state.armed))
+        anchors = {one.name: one.driver.anchor for one in contexts}
+        await each_vehicle(standing, lambda one: one.driver.ready(timeout_s))
+        for context in contexts:
+            self._refuse_rebooted(context)
+            self._refuse_moved(context, anchors[context.name])
+        await asyncio.sleep(_ANCHORED_S)
+        await self._check(contexts, standing[len(contexts) :])
+
+    async def _check(
+        self, contexts: tuple[VehicleContext, ...], actors: tuple[VehicleContext, ...]
+    ) -> None:
+        """Anchor configured vehicles by motion capture, and run the preflight."""
+        captured = [one for one in contexts if self._setup.vehicle(one.name).anchor == "mocap"]
         await asyncio.gather(*map(self._anchor, captured))
-        await self._listen(flown)
+        await self._listen((*contexts, *actors))
         with self._record.step("preflight") as record:
-            record(await self._preflight.check(self._contexts, self._actors))
+            record(await self._preflight.check(contexts, actors))
+        for context in (*contexts, *actors):
+            self._refuse_rebooted(context)
         self._refuse_rivals()
 
     async def restore(self, *, at_rest: Collection[str]) -> None:
@@ -151,6 +182,33 @@ class BeforeArming:
             await asyncio.sleep(max(0.0, left_s, _LISTENED_S - context.driver.received_for_s))
         for context in attached:
             context.driver.require_alone()
+
+    def _refuse_rebooted(self, context: VehicleContext) -> None:
+        """Refuse a vehicle that rebooted since it was configured. Raises FlightError."""
+        if context.driver.clock.reboots != self._reboots[context.name]:
+            raise FlightError(
+                f"{context.name} rebooted after its parameters and fence had been set and read "
+                "back: start the run again"
+            )
+
+    def _refuse_moved(self, context: VehicleContext, before: Anchor | None) -> None:
+        """Refuse a vehicle that was moved away from its onboard fence. Raises FlightError.
+
+        before: its anchor when the fence was uploaded. An estimate that drifts is not told apart.
+        """
+        wider, now = self._setup.case.preflight.fence, context.driver.anchor
+        local = context.driver.state.local
+        if wider is None or before is None or now is None or local is None:
+            return
+        if self._setup.case.fences.get(context.name) is None:
+            return
+        place_m = local.pose.position_ned_m
+        moved_m = math.dist(before.position(place_m)[:2], now.position(place_m)[:2])
+        if moved_m > wider.margin_m:
+            raise FlightError(
+                f"{context.name} was moved by {moved_m:.1f} m after its fence had been uploaded: "
+                "start the run again"
+            )
 
     def _refuse_rivals(self) -> None:
         """Refuse two vehicles with one system id at one port, and two senders of poses.

@@ -26,6 +26,10 @@ _SILENT_S = 3.0
 """A dropped-out vehicle that is silent for so long is not awaited."""
 
 
+CheckAgain = Callable[[tuple[VehicleContext, ...]], Awaitable[None]]
+"""Checks vehicles once more that stand; raises what forbids arming."""
+
+
 async def fly_together(
     contexts: tuple[VehicleContext, ...],
     *,
@@ -36,6 +40,7 @@ async def fly_together(
     liftoff_delays_s: Mapping[str, float],
     stagger: Callable[[Mapping[str, float]], None],
     before_arming: Callable[[], Awaitable[None]],
+    check_again: CheckAgain,
     barrier: Callable[[], None],
     goal: Callable[[float], Awaitable[None]],
     others_landed: Iterable[Callable[[], Awaitable[object]]] = (),
@@ -46,6 +51,7 @@ async def fly_together(
     heights_m: takeoff height above each vehicle's start, by name. liftoff_delays_s: from takeoff
     command to liftoff; a vehicle with a shorter delay gets its command later. stagger: called with
     these waiting times. before_arming: run when all are ready; raises what forbids arming.
+    check_again: run before vehicles arm that an operator's hold has kept on the ground since.
     others_landed: waits for other vehicles that have to land. arm: False stops before arming.
     barrier: called when all are at height, before the goal.
 
@@ -64,13 +70,21 @@ async def fly_together(
         run_state.decide("ABORTED", NOT_ARMED, source="no-arm")
         return
     run_state.enter("arm")
-    await operator_hold.through(lambda: _arm(contexts))
+
+    async def arm_checked() -> None:
+        if operator_hold.count:
+            await check_again(contexts)
+        await _arm(contexts)
+
+    await operator_hold.through(arm_checked)
     stagger(takeoff_staggers_s(liftoff_delays_s, [context.name for context in contexts]))
     run_state.enter("takeoff")
     delays_s = liftoff_delays_s
     await operator_hold.through(
         lambda: _take_off(contexts, heights_m, sync, run_state, delays_s),
-        again=lambda: _resume_takeoff(contexts, heights_m, sync, run_state, delays_s),
+        again=lambda: _resume_takeoff(
+            contexts, heights_m, sync, run_state, delays_s, check_again=check_again
+        ),
     )
     run_state.enter("at_height")
     barrier()
@@ -118,9 +132,13 @@ async def _resume_takeoff(
     sync: SyncSetup,
     run_state: RunState,
     delays_s: Mapping[str, float],
+    *,
+    check_again: CheckAgain,
 ) -> None:
     """Continue the takeoff after a hold: take off again from the ground, climb in the air."""
     grounded = [one for one in contexts if one.driver.state.landed in {"on_ground", "unknown"}]
+    if standing := [one for one in grounded if one.name not in run_state.dropped_out]:
+        await check_again(tuple(standing))
     await each_remaining_vehicle(grounded, run_state, lambda one: one.driver.arm())
     await _command_takeoff(grounded, heights_m, run_state, delays_s)
 

@@ -13,11 +13,13 @@ from wil_campaign.worlds.geodesy import LocalFrame
 def encounter_items(setup: RunSetup, contexts: Iterable[VehicleContext]) -> Iterator[PreflightItem]:
     """Yield for each encounter whether fences separate the two, and whether they stand as stated.
 
-    contexts: of all vehicles that fly.
+    contexts: of all vehicles that fly, or of those that stand.
     """
     places_deg = {context.name: context.driver.place_deg for context in contexts}
     for encounter in actor_encounters(setup.case, setup.mode):
         name, other = encounter.actor.name, encounter.other.name
+        if not {name, other} <= places_deg.keys():
+            continue
         yield separation_item(name, other, encounter.apart_m, encounter.needed_m)
         measured_m = _distance_m(places_deg[name], places_deg[other])
         yield distance_item(name, other, measured_m, stated_m=encounter.stated_m)

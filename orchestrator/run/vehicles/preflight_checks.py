@@ -66,7 +66,8 @@ class PreflightChecks:
     ) -> str:
         """Check all vehicles before arming; return in words how many checks there were.
 
-        contexts: of the pair. Raises FlightError with every reason against arming.
+        contexts: of the pair; checked again, those that stand. Raises FlightError with every reason
+        against arming.
         """
         wanted = self._setup.case.preflight
         items = [disk_item(self._setup.order.folder, wanted.min_disk_mb)]
@@ -77,13 +78,16 @@ class PreflightChecks:
         items += self._pair(contexts)
         items += encounter_items(self._setup, flown)
         items += itertools.starmap(permitted_item, self._setup.case.permits.items())
-        self.items = items_with_overrides(items, wanted.override)
-        for item in self.items:
+        checked = items_with_overrides(items, wanted.override)
+        again = {(item.check, item.vehicle) for item in checked}
+        left = (item for item in self.items if (item.check, item.vehicle) not in again)
+        self.items = (*left, *checked)
+        for item in checked:
             self._note("preflight", **asdict(item))
-        if reasons := refused_items_text(self.items):
-            raise FlightError(f"preflight: {reasons}{_advice(self.items)}")
-        overridden = sum(item.outcome == "overridden" for item in self.items)
-        return f"{len(self.items)} checks" + (f", {overridden} overridden" if overridden else "")
+        if reasons := refused_items_text(checked):
+            raise FlightError(f"preflight: {reasons}{_advice(checked)}")
+        overridden = sum(item.outcome == "overridden" for item in checked)
+        return f"{len(checked)} checks" + (f", {overridden} overridden" if overridden else "")
 
     async def _vehicle(self, context: VehicleContext) -> Iterable[PreflightItem]:
         setup, name = self._setup, context.name

@@ -244,7 +244,7 @@ class GuardCore:
             case OperatorAction(command):
                 return self._operate(command, t_s)
             case BringDown(reason):
-                return tuple(self._latch("bring_down", "", reason, t_s))
+                return self._bring_down(reason, t_s)
             case NewFences():
                 return self._change_fences(message, t_s)
             case AnchorAt(vehicle, origin_ned_m, turn_rad):
@@ -260,6 +260,12 @@ class GuardCore:
                 return tuple(self._latch("lost", vehicle, text, t_s))
             case ClocksApart(vehicle, text):
                 return tuple(self._latch("clock", vehicle, text, t_s))
+
+    def _bring_down(self, reason: str, t_s: float) -> Outputs:
+        """Land what the orchestrator flies: it has its own reason, and commands others nothing."""
+        for supervised in self._supervised_vehicles.values():
+            supervised.seen.leave_to_others()
+        return tuple(self._latch("bring_down", "", reason, t_s))
 
     def _note_alive(self, t_s: float) -> Outputs:
         last_s, self._alive_s = self._alive_s, t_s

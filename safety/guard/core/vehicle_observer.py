@@ -103,6 +103,7 @@ class ObservedVehicle:
         self._mode_commands = dict(_mode_commands(vehicle))
         self._resumed_s: float | None = None
         self._arm_requested_s: float | None = None
+        self._is_ours = not vehicle.attached
         self._armed_s: float | None = None
         self._stored_m: Vec3 | None = None
         self._up_m: float | None = None
@@ -153,7 +154,14 @@ class ObservedVehicle:
         """Record a forwarded command of the orchestrator: its effect is expected."""
         self._requested_s.update(dict.fromkeys(self._modes_of(command), t_s))
         if command.arms:
-            self._arm_requested_s = t_s
+            self._arm_requested_s, self._is_ours = t_s, True
+
+    def leave_to_others(self) -> None:
+        """Leave an attached vehicle alone that the orchestrator never commanded to arm.
+
+        Somebody else flies it, as on a mission of a ground station.
+        """
+        self.taken_over = self.taken_over or not self._is_ours
 
     def note_mode_request(self, custom_mode: int, t_s: float) -> None:
         """Record that the orchestrator requested a mode by SET_MODE."""

@@ -36,6 +36,19 @@ def test_nothing_is_begun_until_somebody_resumes(tmp_path: Path) -> None:
     assert asked.endswith("then run: wil-campaign resume")
 
 
+def test_the_person_reads_where_the_next_run_starts(tmp_path: Path) -> None:
+    said = list[str]()
+    controller = make_controller(tmp_path, FakeFleet(flying=0))
+
+    async def scenario() -> None:
+        between = Repositioning(vehicles="real", controller=controller, say=said.append)
+        between.ask("north 1 m for real")
+        between.end_wait()
+
+    run_virtual(scenario())
+    assert said[0].startswith("move real to the start of the next run, north 1 m for real, check")
+
+
 def test_the_campaign_ends_when_nobody_comes(tmp_path: Path) -> None:
     fleet, said = FakeFleet(flying=0), list[str]()
     controller = make_controller(tmp_path, fleet)

@@ -218,9 +218,11 @@ class Asked:
 
     def __init__(self) -> None:
         self.count = 0
+        self.elsewhere = ""
 
-    def ask(self) -> None:
+    def ask(self, elsewhere: str = "") -> None:
         self.count += 1
+        self.elsewhere = elsewhere
 
 
 def between(
@@ -265,6 +267,30 @@ def test_a_flight_back_is_ordered_and_looked_at(
     made.check_return(back, result())
     assert asked.count == 0
     assert said == ["real is back at its start, 0.10 m and 0 degrees off"]
+
+
+@pytest.mark.parametrize("do", ["fly_back", "ask"])
+@pytest.mark.parametrize("flown", [True, False])
+def test_a_person_moves_the_vehicle_where_the_next_run_starts_elsewhere(
+    hop: Callable[..., Campaign], tmp_path: Path, do: str, flown: bool
+) -> None:
+    """Else its world would be shifted and turned, and its fence: it starts where it stands."""
+    cases = "{moved: {vehicles.real.start: {north_m: 2, east_m: -1, yaw_deg: 90}}, last: {}}"
+    changes = ("repetitions: 2", f"repetitions: 1\ncases: {cases}"), ("fly_back", do)
+    campaign = hop(ATTACHED, *changes)
+    made, asked, said = between(campaign, tmp_path / "o")
+    moved, last = campaign.plans
+    order = RunOrder(plan=moved, folder=tmp_path / "o" / "run", clock="wall")
+    landed_at(order.folder, STOOD)
+    assert made.after(order, result(), coming=[last], flown=flown) is None
+    elsewhere = "north 1 m, east -1 m, up 0 m, heading 30 degrees for real"
+    assert (asked.count, asked.elsewhere) == (1, elsewhere)
+    why = f"the next run starts elsewhere, at {elsewhere}"
+    refused = [f"moved/real/1: the vehicle does not fly back: {why}"]
+    assert said == (refused if do == "fly_back" else [])
+    order = RunOrder(plan=last, folder=tmp_path / "o" / "run", clock="wall")
+    back = made.after(order, result(), coming=[last], flown=flown)
+    assert (back is not None) == (flown and do == "fly_back")
 
 
 def test_the_flight_back_after_a_run_that_was_flown_again_is_flown_as_well(

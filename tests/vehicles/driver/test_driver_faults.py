@@ -198,6 +198,32 @@ def test_never_ready_says_why(fake_pair: Callable[..., Any]) -> None:
     assert 7.0 <= _run(fake_pair, script, prepare=prepare) < 7.1
 
 
+def test_a_vehicle_that_somebody_else_has_armed_is_not_ready(fake_pair: Callable[..., Any]) -> None:
+    async def script(driver: Driver, peer: Any) -> float:
+        peer.armed = True
+        await driver.identify(5.0)
+        with pytest.raises(NotReadyError, match="armed already, by somebody else; land and disarm"):
+            await driver.ready(7.0)
+        asyncio.get_running_loop().call_later(10.0, setattr, peer, "armed", False)
+        began_s = asyncio.get_running_loop().time()
+        await driver.ready(60.0)
+        ready_s = asyncio.get_running_loop().time() - began_s
+        peer.armed = True
+        peer.heartbeat()
+        await asyncio.sleep(0.1)
+        with pytest.raises(VehicleError, match="armed already, by somebody else; land and disarm"):
+            await driver.arm()
+        assert peer.commands(400) == []
+        peer.armed = False
+        peer.heartbeat()
+        await asyncio.sleep(0.1)
+        await driver.arm()
+        await driver.ready(5.0)
+        return ready_s
+
+    assert 10.0 < _run(fake_pair, script) < 11.5
+
+
 def test_becomes_ready_late(fake_pair: Callable[..., Any]) -> None:
     async def script(driver: Driver, peer: Any) -> float:
         await driver.identify(5.0)
@@ -519,6 +545,7 @@ def test_a_reboot_in_flight_is_an_event_and_the_anchor_is_gone(
         await asyncio.sleep(2.0)
         assert driver.anchor is None
         assert driver.state.estimate is None
+        peer.armed = False
         await driver.ready(5.0)
         assert driver.anchor is not None
         return [each.kind for each in events]

@@ -141,6 +141,46 @@ def test_a_list_that_is_accepted_before_its_items_is_an_error(
         _run(fake_pair, script, prepare)
 
 
+@pytest.mark.parametrize("number", [0, 1, 9])
+def test_a_list_whose_items_are_requested_for_ever_is_an_error(
+    fake_pair: Callable[..., Any], number: int
+) -> None:
+    """Also after a flight, where no watchdog ends the restoration of a fence."""
+
+    def request(peer: Any, message: Any) -> None:
+        request = mavlink.MAVLink_mission_request_int_message(245, 190, number, 0)
+        asyncio.get_running_loop().call_later(0.05, peer.say, request)
+
+    def prepare(peer: Any) -> None:
+        peer.replies["MISSION_COUNT"] = peer.replies["MISSION_ITEM_INT"] = request
+
+    async def script(peer: Any, session: MavlinkSession) -> None:
+        item = MissionItem(command=mavlink.MAV_CMD_NAV_WAYPOINT)
+        async with asyncio.timeout(60.0):
+            await MissionProtocol(session=session).upload(ItemList.MISSION, [item] * 3)
+
+    with pytest.raises(MissionError, match="MISSION_REQUEST_INT comes again and again"):
+        _run(fake_pair, script, prepare)
+
+
+def test_a_command_that_is_in_progress_for_ever_is_an_error(fake_pair: Callable[..., Any]) -> None:
+    def go_on(peer: Any, message: Any) -> None:
+        peer.ack(message, mavlink.MAV_RESULT_IN_PROGRESS)
+        asyncio.get_running_loop().call_later(1.0, go_on, peer, message)
+
+    def prepare(peer: Any) -> None:
+        peer.replies[f"COMMAND_LONG:{TAKEOFF}"] = go_on
+
+    async def script(peer: Any, session: MavlinkSession) -> float:
+        with pytest.raises(CommandError, match="does not end: MAV_RESULT_IN_PROGRESS"):
+            async with asyncio.timeout(300.0):
+                await _commander(session).run(command_long(PEER, TAKEOFF, 0.0))
+        return asyncio.get_running_loop().time()
+
+    ended_s, _ = _run(fake_pair, script, prepare)
+    assert 60.0 <= ended_s < 62.0
+
+
 def test_no_answer_is_an_error_with_names(fake_pair: Callable[..., Any]) -> None:
     def prepare(peer: Any) -> None:
         peer.replies[f"COMMAND_LONG:{TAKEOFF}"] = lambda peer, message: None

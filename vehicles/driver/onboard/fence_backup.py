@@ -56,9 +56,15 @@ async def restore_fence(folder: Path, *, fences: FenceProtocol, vehicle: str) ->
                 if backup.document["vehicle"] != vehicle:
                     continue
                 own, ours = _items(backup.document["own"]), _items(backup.document["ours"])
-                if _is_same_fence(ours, await fences.items()):
-                    await fences.restore(own)
-                    restored = True
+                try:
+                    if _is_same_fence(ours, await fences.items()):
+                        await fences.restore(own)
+                        restored = True
+                except MissionError as error:
+                    raise MissionError(
+                        f"could not restore the fence that an earlier run replaced ({error}); try "
+                        f"again, or set it yourself and remove {path}"
+                    ) from error
                 backup.remove()
         except (ValueError, KeyError, TypeError) as error:
             raise MissionError(f"{path} is not a fence backup; inspect it and remove it") from error

@@ -18,6 +18,9 @@ from wil_campaign.vehicles.mavlink.names import enum_name
 _ACCEPTED = mavlink.MAV_MISSION_ACCEPTED
 STATUSTEXT_WAIT_S = 0.3
 """How long to wait for the STATUSTEXT that explains a refusal: it comes after it."""
+_MOST_REPEATS = 30
+"""So many requests without progress end an upload: a bad radio takes fewer, as autopilots give up
+after seconds."""
 _PARAM_TOLERANCE = 1e-4
 _PLACE_TOLERANCE = 1
 """PX4 keeps degrees as doubles: what comes back may be one unit (1e-7 degrees) off."""
@@ -162,7 +165,7 @@ class MissionProtocol:
         last = self._message(
             mavlink.MAVLink_mission_count_message, count=len(items), mission_type=which
         )
-        reached = early = 0
+        reached = early = repeats = 0
         self._inbox = asyncio.Queue()
         try:
             while True:
@@ -178,6 +181,10 @@ class MissionProtocol:
                             raise self._error(which, what)
                         await self._check(which, answer)
                         return
+                    repeats += 1
+                    if repeats > _MOST_REPEATS:
+                        what = f"{answer.get_type()} comes again and again"
+                        raise self._error(which, f"{what}, after {reached} of {len(items)} items")
                 except MissionError as error:
                     if reached < len(items):
                         raise
@@ -185,6 +192,7 @@ class MissionProtocol:
                     # refuses the last item, which is sent again.
                     raise UnsureUploadError(str(error)) from error
                 if "REQUEST" in answer.get_type() and answer.seq < len(items):
+                    repeats = repeats if answer.seq < reached else 0
                     reached = max(reached, answer.seq + 1)
                     last = self._item(which, answer.seq, items[answer.seq])
         finally:

@@ -179,12 +179,23 @@ async def restore_backups(
         if backup is None:
             continue
         with contextlib.closing(backup):
+            failed: list[str] = []
             for change in reversed(backup.changes):
-                now = await access.get(change.name)
-                ours = _same(now, change.wanted)
-                if ours and not _same(now, change.before):
-                    await access.set(change.name, change.before)
+                try:
+                    now = await access.get(change.name)
+                    ours = _same(now, change.wanted)
+                    if ours and not _same(now, change.before):
+                        await access.set(change.name, change.before)
+                except ParameterError as error:
+                    failed.append(f"{change.name} to {change.before} ({error})")
+                    continue
                 (restored if ours or _same(now, change.before) else foreign).append(change)
+            if failed:
+                # Its firmware may have another name for it by now.
+                raise ParameterError(
+                    f"could not restore what an earlier run changed: {'; '.join(failed)}; try "
+                    f"again, or set it yourself and remove {path}"
+                )
             backup.remove()
     return RestoredParameters(tuple(restored), tuple(foreign))
 

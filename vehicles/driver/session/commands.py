@@ -13,6 +13,8 @@ from wil_campaign.vehicles.mavlink.names import command_name, result_name
 
 _PROGRESS_TIMEOUT_S = 10.0
 """How long after IN_PROGRESS the next acknowledgement of a command may take."""
+_LONGEST_PROGRESS_S = 60.0
+"""How long a command may be in progress in all, however often it is acknowledged so."""
 _LAST_WAIT = 3.0
 """The wait after the last try is so many times longer: a radio's round trip may be a second."""
 
@@ -35,6 +37,7 @@ class _Pending:
     timer: asyncio.TimerHandle | None = None
     sent: int = 1
     last_result: int | None = None
+    progress_ends_s: float | None = None
 
 
 class Commander:
@@ -153,11 +156,20 @@ class Commander:
         if ack.result == mavlink.MAV_RESULT_ACCEPTED:
             self._accept(pending)
         elif ack.result == mavlink.MAV_RESULT_IN_PROGRESS:
-            self._start_timer(pending, _PROGRESS_TIMEOUT_S)
+            self._await_progress(pending)
         elif ack.result == mavlink.MAV_RESULT_TEMPORARILY_REJECTED and pending.sent < pending.tries:
             self._start_timer(pending, self._ack_timeout_s)
         else:
             self._refuse(pending, _CHECKS if pending.sent > 1 else 0)
+
+    def _await_progress(self, pending: _Pending) -> None:
+        now_s = asyncio.get_running_loop().time()
+        if pending.progress_ends_s is None:
+            pending.progress_ends_s = now_s + _LONGEST_PROGRESS_S
+        if now_s >= pending.progress_ends_s:
+            self._fail(pending)
+        else:
+            self._start_timer(pending, _PROGRESS_TIMEOUT_S)
 
     def _is_ours(self, ack: Any) -> bool:
         """Return whether a COMMAND_ACK is for us: the guard has our system id, not our component.
@@ -197,6 +209,8 @@ class Commander:
             )
         else:
             result = result_name(pending.last_result)
-            text = f"{where}{name} was refused with {result}"
+            in_progress = pending.last_result == mavlink.MAV_RESULT_IN_PROGRESS
+            text = f"{where}{name} " + ("does not end: " if in_progress else "was refused with ")
+            text += result
             error = CommandError(text + self._circumstances(), command=name, result=result)
         pending.future.set_exception(error)

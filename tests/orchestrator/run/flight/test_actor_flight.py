@@ -4,14 +4,14 @@ import asyncio
 from collections.abc import Callable
 from dataclasses import asdict, replace
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 import pytest
 
 from tests.orchestrator.conftest import ROOT, Fly
 from tests.orchestrator.flights import all_landed, log_of
 from wil_campaign.campaigns.expansion.expansion import ExpansionOptions, load_campaign
-from wil_campaign.foundation.clocks.virtual_loop import run_on_clock
+from wil_campaign.foundation.clocks.virtual_loop import run_on_clock, run_virtual
 from wil_campaign.foundation.files.document_writer import to_json, write_atomically
 from wil_campaign.orchestrator.campaign.reevaluation import judge_run_again
 from wil_campaign.orchestrator.reading.judged_motion import read_judged_motion
@@ -22,6 +22,7 @@ from wil_campaign.orchestrator.state.run_state import RunState
 from wil_campaign.safety.guard.core.commands import StartOutage
 from wil_campaign.safety.model.samples import PoseSample
 from wil_campaign.safety.model.verdict import DecisiveEvent
+from wil_campaign.vehicles.errors import VehicleError
 from wil_campaign.worlds.frames import Pose
 from wil_campaign.worlds.scene.motion import ObjectMotion, StartAtTime, Waypoint
 
@@ -219,3 +220,52 @@ def test_an_actor_that_stops_or_falls_silent_makes_the_run_invalid(
     if said:
         assert said in found[0].text
         assert found[0].t_s == pytest.approx(at_s, abs=0.15)
+
+
+@pytest.mark.parametrize("is_held", [False, True])
+def test_an_actor_that_somebody_else_flies_is_not_taken_for_one_that_took_off(
+    is_held: bool,
+) -> None:
+    """After an operator's hold it may be in the air, by its own takeoff."""
+    asked: list[str] = []
+
+    class Driver:
+        state = SimpleNamespace(landed="on_ground" if is_held else "in_air")
+
+        def on_failure(self, _: object) -> None:
+            pass
+
+        async def arm(self) -> None:
+            asked.append("arm")
+            if not is_held:
+                raise VehicleError("it is armed already, by somebody else")
+
+        async def begin_takeoff(self, _: float) -> None:
+            asked.append("takeoff")
+            self.state = SimpleNamespace(landed="in_air")
+
+    setup: Any = SimpleNamespace(name="intruder", autopilot="px4", motion=MOTION)
+    context: Any = SimpleNamespace(
+        on_pose=lambda _: None, driver=Driver(), height_m=lambda: 1.0 if is_held else 0.0
+    )
+
+    async def take_off() -> None:
+        flight = ActorFlight(
+            setup=setup,
+            context=context,
+            run_state=RunState(time=asyncio.get_running_loop().time),
+            operator_hold=cast("Any", None),
+            sync=cast("Any", SimpleNamespace(takeoff_timeout_s=9.0)),
+            events={},
+            report_pose=lambda _: None,
+            send_anchors=lambda: None,
+        )
+        await flight._take_off(0.0)
+        await flight._take_off(0.0)
+
+    if is_held:
+        run_virtual(take_off())
+    else:
+        with pytest.raises(VehicleError, match="by somebody else"):
+            run_virtual(take_off())
+    assert asked == (["arm", "takeoff"] if is_held else ["arm"])

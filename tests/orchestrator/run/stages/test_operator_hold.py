@@ -1,12 +1,16 @@
 """The operator holds and lets go on, at every stage of a flight."""
 
 import asyncio
-from collections.abc import Callable
+import struct
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
 import pytest
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from tests.faults.relay import LOCAL_POSITION_NED
+from tests.faults.wire_changes import padded, through
 from tests.orchestrator.conftest import BRIEF
 from tests.orchestrator.flights import all_landed, log_of
 from wil_campaign.orchestrator.run.stages.operator_hold import OperatorHold
@@ -15,6 +19,7 @@ from wil_campaign.orchestrator.run_results.run_result import RunResult
 from wil_campaign.orchestrator.state.run_state import RunState, Stage
 from wil_campaign.safety.guard.core.events import GuardEvent
 from wil_campaign.safety.guard.core.operator_command import OperatorCommand, OperatorKind
+from wil_campaign.vehicles.mavlink.framing import MavlinkFrame, frame_with_payload
 
 Fly = Callable[..., tuple[RunResult, Path]]
 LONGER = (*BRIEF, "autonomy.with.for_s=6")
@@ -88,6 +93,62 @@ def test_a_hold_before_the_goal_only_delays_it(
     times = entered(folder)
     resumed_s = times[stage] + after_s + 12.0
     assert resumed_s < times["goal"] < resumed_s + 10.0
+    assert all_landed(folder)
+
+
+_STAMPED = frozenset({LOCAL_POSITION_NED, mavlink.MAVLINK_MSG_ID_ATTITUDE_QUATERNION})
+
+
+def changed(frame: MavlinkFrame, what: str) -> bytes:
+    """Return a frame of a vehicle that is empty, moved, switched off, or armed by somebody."""
+    payload = padded(frame, 31)
+    if what == "battery" and frame.message_id == mavlink.MAVLINK_MSG_ID_SYS_STATUS:
+        payload[30] = 5
+    elif what == "moved" and frame.message_id == LOCAL_POSITION_NED:
+        (north_m,) = struct.unpack_from("<f", payload, 4)
+        struct.pack_into("<f", payload, 4, north_m + 3.0)
+    elif what == "armed" and frame.message_id == mavlink.MAVLINK_MSG_ID_HEARTBEAT:
+        payload[6] |= mavlink.MAV_MODE_FLAG_SAFETY_ARMED
+    elif what == "reboot" and frame.message_id in _STAMPED:
+        (boot_ms,) = struct.unpack_from("<I", payload)
+        struct.pack_into("<I", payload, 0, boot_ms - 60_000)
+    else:
+        return frame.raw
+    return frame_with_payload(frame, bytes(payload))
+
+
+@pytest.mark.parametrize(
+    ("campaign", "stage", "what", "why"),
+    [
+        ("gate", "ready", "battery", "preflight: twin battery: its charge is 0.05"),
+        ("gate", "arm", "battery", "preflight: twin battery: its charge is 0.05"),
+        ("gate", "takeoff", "battery", "preflight: twin battery: its charge is 0.05"),
+        ("gate", "ready", "moved", "twin was moved by 3.0 m after its fence had been uploaded"),
+        ("gate-ardupilot", "ready", "reboot", "twin rebooted after its parameters and fence"),
+        ("gate", "ready", "armed", "twin: not ready to arm within 30 s: it is armed"),
+    ],
+)
+def test_a_vehicle_that_stood_through_a_hold_is_checked_again_before_it_arms(
+    fly_run: Fly, campaign: str, stage: Stage, what: str, why: str
+) -> None:
+    operator = Operator(stage, (0.1, "hold"), (40.0, "resume"))
+
+    def disturb(pair: VehiclePair, run_state: RunState) -> None:
+        operator(pair, run_state)
+
+        def change(frame: MavlinkFrame, run_state: RunState) -> Iterable[bytes]:
+            since_s = run_state.entered_s.get(stage, 99.0)
+            is_later = since_s + 20.0 < asyncio.get_running_loop().time() < since_s + 100.0
+            yield changed(frame, what) if is_later else frame.raw
+
+        through(change)(pair, run_state)
+
+    result, folder = fly_run(
+        campaign, "large", "sim", inbox=operator, disturb=disturb, sets=(*BRIEF,)
+    )
+    assert (result.verdict, result.reason[: len(why)]) == ("ERROR", why)
+    last = [line for line in log_of(folder) if line["event"] == "stage"]
+    assert "goal" not in [line["stage"] for line in last]
     assert all_landed(folder)
 
 

@@ -44,6 +44,7 @@ class Standing:
     ready_after_s: float
     asked: list[tuple[float, str]]
     identity: Any = field(default_factory=lambda: SimpleNamespace(uid=None, uid2=None))
+    clock: Any = field(default_factory=lambda: SimpleNamespace(reboots=0))
 
     @property
     def driver(self) -> "Standing":
@@ -114,6 +115,7 @@ def test_the_vehicle_that_was_ready_first_is_asked_again_when_all_are(monkeypatc
             liftoff_delays_s={},
             stagger=lambda _: None,
             before_arming=before_arming.apply,
+            check_again=before_arming.check_again,
             barrier=lambda: None,
             goal=goal,
             arm=False,

@@ -54,6 +54,31 @@ def test_the_latch_is_idempotent_and_names_its_first_cause(pair: Any) -> None:
     assert pair.kinds() == ["abort", "bring_down"]
 
 
+@pytest.mark.parametrize("attached", [True, False])
+@pytest.mark.parametrize("is_armed_by_us", [True, False])
+def test_what_somebody_else_armed_is_brought_down_by_an_abort_alone(
+    fake_vehicle: Any, rig: Any, attached: bool, is_armed_by_us: bool
+) -> None:
+    """As a mission by another link, which a run that did not get ready would end."""
+    pair = make_pair(fake_vehicle, rig, real={"mode": FlightMode.MISSION}, attached=attached)
+    real = pair.vehicles["real"]
+    if is_armed_by_us:
+        arms = DRIVER.pack(real.autopilot.arm(real.target))
+        pair.apply(pair.core.from_orchestrator("real", arms, pair.t_s))
+    pair.fly(5.0)
+    pair.apply(pair.core.apply(BringDown("not ready"), pair.t_s))
+    pair.fly(20.0)
+    left_alone = attached and not is_armed_by_us
+    assert real.armed == left_alone
+    assert ("LAND" in real.words(), pair.core.all_down) == (not left_alone, not left_alone)
+    phase = ContingencyPhase.PILOT if left_alone else ContingencyPhase.DOWN
+    assert pair.core.phases == {"real": phase, "twin": ContingencyPhase.DOWN}
+    pair = make_pair(fake_vehicle, rig, real={"mode": FlightMode.MISSION}, attached=attached)
+    abort(pair)
+    pair.fly(20.0)
+    assert pair.core.all_down
+
+
 def test_zero_setpoints_stream_until_the_hold_is_seen(fake_vehicle: Any, rig: Any) -> None:
     pair = make_pair(fake_vehicle, rig, real={"ignores": frozenset({FlightMode.HOLD})})
     abort(pair)

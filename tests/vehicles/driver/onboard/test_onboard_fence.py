@@ -7,7 +7,7 @@ import shutil
 import threading
 from collections.abc import Awaitable, Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -19,7 +19,7 @@ from wil_campaign.plugins.impaired_links.impairment import Impairment
 from wil_campaign.vehicles.driver import Driver
 from wil_campaign.vehicles.driver.onboard import disk_access, onboard_fence
 from wil_campaign.vehicles.driver.onboard.crash_safe_file import CrashSafeFile
-from wil_campaign.vehicles.driver.onboard.fence_backup import restore_fence
+from wil_campaign.vehicles.driver.onboard.fence_backup import back_up_fence, restore_fence
 from wil_campaign.vehicles.driver.onboard.fence_protocol import AutopilotFence
 from wil_campaign.vehicles.driver.onboard.mission_protocol import MissionError
 from wil_campaign.vehicles.driver.onboard.onboard_fence import OnboardFence
@@ -177,6 +177,23 @@ def test_a_fence_that_somebody_drew_since_is_left_alone(autopilot: str, tmp_path
         assert rig.radius_m == 33.0
 
     with_vehicle(autopilot, script)
+
+
+def test_a_fence_backup_that_cannot_be_restored_is_named(tmp_path: Path) -> None:
+    class Refusing:
+        async def items(self) -> Any:
+            raise MissionError("it was refused with MAV_MISSION_DENIED")
+
+    back_up_fence(tmp_path / "journals", "x", own=(), ours=()).close()
+    with pytest.raises(MissionError) as refused:
+        run_virtual(
+            restore_fence(tmp_path / "journals", fences=cast("Any", Refusing()), vehicle="x")
+        )
+    (backup,) = (tmp_path / "journals").iterdir()
+    assert str(refused.value) == (
+        "could not restore the fence that an earlier run replaced (it was refused with "
+        f"MAV_MISSION_DENIED); try again, or set it yourself and remove {backup}"
+    )
 
 
 def test_a_spoilt_note_is_reported(tmp_path: Path) -> None:

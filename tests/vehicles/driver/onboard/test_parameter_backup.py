@@ -271,6 +271,20 @@ def test_several_backups_are_set_back_newest_first(tmp_path: Path) -> None:
     assert access.values["A"] == 1
 
 
+def test_a_backup_that_cannot_be_restored_is_named_and_the_rest_of_it_is(tmp_path: Path) -> None:
+    """As after an update of the firmware, which has another name for the parameter."""
+    killed_run(tmp_path)
+    access = Access(A=5)
+    with pytest.raises(ParameterError) as refused:
+        run_virtual(restore_backups(tmp_path, access=access, vehicle="px4 1 7"))
+    (backup,) = tmp_path.iterdir()
+    assert str(refused.value) == (
+        "could not restore what an earlier run changed: B to 2.1 (no B); try again, or set it "
+        f"yourself and remove {backup}"
+    )
+    assert access.values == {"A": 1}
+
+
 def test_a_file_that_is_no_backup_is_named(tmp_path: Path) -> None:
     (tmp_path / "000001.parameters.json").write_text("{")
     with pytest.raises(ParameterError, match=r"000001.parameters.json is not a parameter backup"):
