@@ -138,6 +138,14 @@ def summarize(
     )
 
 
+def is_same_result(summarised: RunResult, result: RunResult) -> bool:
+    """Return whether a run's entry in a summary and its result are of the same flight.
+
+    All figures are compared: another flight of the same seed often has the same verdict.
+    """
+    return replace(summarised, artifacts=()) == replace(result, artifacts=())  # paths differ
+
+
 def totals_of(runs: Sequence[RunResult]) -> Totals:
     """Return the totals of run results."""
     controls = [run.control for run in runs if run.control is not None]

@@ -8,13 +8,18 @@ from wil_campaign.orchestrator.reading.model import CampaignDocuments
 from wil_campaign.orchestrator.report.words import MODES, NOTHING, number_text, run_count_text
 from wil_campaign.orchestrator.run_results.acceptance_texts import (
     left_out_text,
+    place_of,
     required_text,
     row_verdict,
     shortfall_texts,
     stand_in_text,
 )
 from wil_campaign.orchestrator.run_results.campaign_results import Summary
-from wil_campaign.orchestrator.run_results.caveats import campaign_caveats, synthesised_texts
+from wil_campaign.orchestrator.run_results.caveats import (
+    campaign_caveats,
+    retried_texts,
+    synthesised_texts,
+)
 from wil_campaign.orchestrator.run_results.control_results import ended_text, expected_text
 from wil_campaign.orchestrator.run_results.exit_codes import standings_of
 from wil_campaign.orchestrator.run_results.run_result import RunResult, tightest_oracle
@@ -58,7 +63,7 @@ def campaign_verdict_of(documents: CampaignDocuments) -> CampaignVerdict:
         )
         return CampaignVerdict("no verdict", "open", text)
     totals = summary.totals
-    required = required_text(summary.runs)
+    required = required_text(summary, documents.requirements)
     counted = f"{required[0].upper()}{required[1:]}."
     if summary.accepted is False and (why := _not_accepted_because(documents, summary)):
         counted += f" Not accepted because {'; '.join(why)}."
@@ -81,6 +86,7 @@ def campaign_verdict_of(documents: CampaignDocuments) -> CampaignVerdict:
 def _not_accepted_because(documents: CampaignDocuments, summary: Summary) -> list[str]:
     """Return which required cases passed too rarely, and which controls were not met."""
     places = {(run.case, run.mode) for run in summary.runs if run.required}
+    places |= set(map(place_of, summary.not_flown))
     wanted = [
         requirement
         for requirement in documents.requirements
@@ -129,6 +135,7 @@ def verdict_cautions(documents: CampaignDocuments) -> list[str]:
         *campaign_caveats(summary.runs),
         *synthesised_texts(summary),
         *summary.caveats,
+        *(f"not at the first attempt: {text}" for text in retried_texts(summary.runs)),
         *summary.unmet,
     ]
     if summary.not_flown:

@@ -356,15 +356,17 @@ def test_a_folder_without_its_summary_is_refused(
     assert "without this file it is unknown how the campaign ended" in outcome.err
 
 
-@pytest.mark.parametrize("runs", ["FAIL", ""])
+@pytest.mark.parametrize(
+    "change", [{"verdict": "FAIL"}, {"duration_s": 1.0}, None], ids=["verdict", "figure", "gone"]
+)
 def test_a_summary_of_other_flights_is_refused(
-    recorded: Path, tmp_path: Path, capsys: Any, runs: str
+    recorded: Path, tmp_path: Path, capsys: Any, change: dict[str, Any] | None
 ) -> None:
     """What it says of the end, and of who flew as the real vehicle, is not of these flights."""
     folder = tmp_path / "copy"
     shutil.copytree(recorded, folder)
     document = json.loads((folder / "summary.json").read_text())
-    document["runs"] = [{**run, "verdict": runs} for run in document["runs"] if runs]
+    document["runs"] = [] if change is None else [run | change for run in document["runs"]]
     (folder / "summary.json").write_text(json.dumps(document))
     assert judge(folder) == 3
     assert "summary.json is not of the flight of large/sim/1" in capsys.readouterr().err

@@ -144,6 +144,19 @@ def test_a_run_that_its_campaign_does_not_count_is_counted_nowhere(
     assert sum(row["flown"] for row in json.loads(capsys.readouterr().out)["rows"]) == 6
 
 
+def test_another_flight_of_the_same_seed_and_verdict_gives_no_verdict(
+    tmp_path: Path, capsys: Capture
+) -> None:
+    """As a run's folder copied from the campaign of another day, or a result edited by hand."""
+    folder = flown(tmp_path / "gate")
+    changed(folder / "a/wil/2/result.json", lambda result: result.update(duration_s=11.0))
+    for command in COMMANDS:
+        code, said = outcome(capsys, command, folder)
+        assert (command, code) == (command, 3)
+        assert "a/wil/2 has other figures there than in its result.json" in said
+    assert "no verdict" in (folder / "report.html").read_text()
+
+
 @pytest.mark.parametrize("other", ["b", "gate"])
 def test_a_summary_of_other_flights_gives_no_verdict(
     tmp_path: Path, capsys: Capture, other: str

@@ -14,6 +14,7 @@ from tests.orchestrator.reading.flown_campaign import (
     write_control,
     write_flown,
     write_searched,
+    write_summary_anew,
 )
 from tests.orchestrator.run_results.test_flown_firmware import BOARD
 from wil_campaign.orchestrator.cli import main
@@ -306,6 +307,7 @@ def test_an_oracle_that_is_gone_is_no_good_comparison(
         else:
             document["oracles"][0]["required"] = False
         path.write_text(json.dumps(document))
+    write_summary_anew(new)
     assert main(["compare", str(old), str(new)]) == 3
     assert said in capsys.readouterr().out
     assert main(["compare", str(old), str(new), "--removed"]) == 0
