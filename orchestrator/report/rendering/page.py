@@ -191,13 +191,17 @@ def page_anchors(names: Iterable[str]) -> list[str]:
 
 
 def role_of(run: RunReport) -> str:
-    """Return the role of a run: required, reported only, or a control and whether it was met."""
+    """Return the role of a run: required, reported only, or a control and whether it was met.
+
+    With the number of its attempt, where it is not the first.
+    """
     result = run.result
     if result is None:
         return ""
+    role = "required" if result.required else "reported only"
     if result.control is not None:
-        return "control, met" if result.control.met else "control, NOT met"
-    return "required" if result.required else "reported only"
+        role = "control, met" if result.control.met else "control, NOT met"
+    return f"{role}, attempt {len(result.attempts) + 1}" if result.attempts else role
 
 
 def _is_met(result: RunResult | None) -> bool:
