@@ -39,7 +39,7 @@ class CampaignVerdict:
 class CaseRow:
     """A case and mode in the table of the overview; texts as shown.
 
-    badge: the CSS class of the verdict: `met` for a control that ended as required.
+    badge: the CSS class of the verdict: `met` or `unmet` for a control.
     """
 
     case: str
@@ -164,7 +164,7 @@ def _case_row(
         control = runs[0].control
         required = f"must be {control.verdict}" if control is not None else ""
         verdict = runs[0].verdict
-        badge = "met" if not any(run.went_wrong for run in runs) else verdict
+        badge = "unmet" if any(run.went_wrong for run in runs) else "met"
     clearances = [run.clearance_m for run in runs if run.clearance_m is not None]
     skews = [abs(run.sync.takeoff_skew_s) for run in runs if run.sync.takeoff_skew_s is not None]
     errors = [

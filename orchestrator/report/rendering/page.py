@@ -53,7 +53,7 @@ def sketch_of_sight(sight: PerceivedSight | None) -> Markup | None:
 class RunPage:
     """A run's section of the page, and its row in the overview; texts as shown.
 
-    badge: the CSS class of the verdict: `met` for a control that ended as required.
+    badge: the CSS class of the verdict: `met` or `unmet` for a control.
     """
 
     anchor: str
@@ -212,7 +212,9 @@ def _is_met(result: RunResult | None) -> bool:
 def _badge(result: RunResult | None) -> str:
     if result is None:
         return "NO-RESULT"
-    return "met" if _is_met(result) else result.verdict
+    if result.control is None:
+        return result.verdict
+    return "met" if result.control.met else "unmet"  # a control that passed is not green
 
 
 def decides_verdict(result: RunResult | None) -> bool:
