@@ -25,7 +25,7 @@ def required_text(summary: Summary, requirements: Iterable[PassRequirement]) -> 
     missing = [is_tested.get(place_of(name), True) for name in summary.not_flown].count(False)
     count = len(required) + missing
     if not count:
-        return "no run was required"
+        return "no required run was flown" if wanted else "no run was required"
     runs_word = "run" if count == 1 else "runs"
     passed = sum(run.verdict == "PASS" for run in required)
     return f"{passed} of the {count} required {runs_word} passed"

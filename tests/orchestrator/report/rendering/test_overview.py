@@ -95,6 +95,8 @@ def test_required_runs_that_were_never_flown_are_counted(tmp_path: Path) -> None
     text = campaign_verdict_of(cut).sentence
     assert text.startswith("2 of the 5 required runs passed.")
     assert "a/sim is 0/0 (needs 2/2)" in text
+    none = replace(cut, summary=replace(campaign.summary, runs=()), requirements=asked[2:])
+    assert campaign_verdict_of(none).sentence.startswith("No required run was flown.")
 
 
 def test_a_pass_at_a_second_attempt_is_named_beside_the_verdict(tmp_path: Path) -> None:
