@@ -24,6 +24,7 @@ from wil_campaign.orchestrator.recording.judge_log_file import FILE_NAME
 from wil_campaign.orchestrator.recording.trajectory import recorded_note
 from wil_campaign.orchestrator.run.judging.run_oracles import build_judge
 from wil_campaign.orchestrator.run.judging.run_outcome import outcome_reason
+from wil_campaign.orchestrator.run_results.attempts import after_attempts
 from wil_campaign.orchestrator.run_results.campaign_results import (
     Summary,
     is_same_result,
@@ -277,7 +278,7 @@ def judge_run_again(plan: RunPlan, folder: Path) -> Reevaluation:
             subject=before.subject,
         ),
     )
-    return Reevaluation(before, now)
+    return Reevaluation(before, after_attempts(now, before.attempts))
 
 
 def _note_at(folder: Path, decision: RunDecision, before: RunResult) -> str:

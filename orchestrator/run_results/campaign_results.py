@@ -18,8 +18,8 @@ SensorKind = Literal["live", "rendered", "file", "synthesised"]
 embedded, and may have such a sensor itself."""
 VERDICTS: tuple[Verdict, ...] = ("PASS", "FAIL", "INVALID", "ERROR", "ABORTED")
 UNKNOWN_ENDING = (
-    "summary.json does not record the end of the campaign: it was cut off, or flown by an earlier "
-    "version"
+    "summary.json does not record the end of the campaign: it still flies, was cut off, or was "
+    "flown by an earlier version"
 )
 _STOPS = {
     "signal": "stopped by Ctrl-C or SIGTERM",

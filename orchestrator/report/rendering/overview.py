@@ -14,7 +14,7 @@ from wil_campaign.orchestrator.run_results.acceptance_texts import (
     shortfall_texts,
     stand_in_text,
 )
-from wil_campaign.orchestrator.run_results.campaign_results import Summary
+from wil_campaign.orchestrator.run_results.campaign_results import UNKNOWN_ENDING, Summary
 from wil_campaign.orchestrator.run_results.caveats import (
     campaign_caveats,
     retried_texts,
@@ -72,8 +72,11 @@ def campaign_verdict_of(documents: CampaignDocuments) -> CampaignVerdict:
     if totals.controls:
         counted += f" {totals.controls_met} of {totals.controls} controls were met."
     if summary.not_flown:
-        counted += f" {len(summary.not_flown)} runs were never flown."
-    if summary.ending:
+        missing = _missing_text(summary)
+        counted += f" {missing[0].upper()}{missing[1:]}: {run_count_text(len(summary.not_flown))}."
+    if summary.ending == UNKNOWN_ENDING:
+        counted += f" The file {UNKNOWN_ENDING}."
+    elif summary.ending:
         counted += f" {summary.ending[0].upper()}{summary.ending[1:]}."
     if summary.accepted is None:
         return CampaignVerdict("nothing required was flown", "open", counted)
@@ -139,8 +142,17 @@ def verdict_cautions(documents: CampaignDocuments) -> list[str]:
         *summary.unmet,
     ]
     if summary.not_flown:
-        found.append(f"never flown: {', '.join(summary.not_flown)}")
+        found.append(f"{_missing_text(summary)}: {', '.join(summary.not_flown)}")
     return found
+
+
+def _missing_text(summary: Summary) -> str:
+    """Return in words why runs are missing in a summary.
+
+    While a campaign flies, or its last run lands after its program died, they may follow.
+    """
+    has_ended = summary.broken is not None or summary.stopped is not None
+    return "never flown" if has_ended else "without a result when summary.json was written"
 
 
 def case_rows(documents: CampaignDocuments) -> list[CaseRow]:

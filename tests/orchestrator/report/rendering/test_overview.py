@@ -95,6 +95,12 @@ def test_required_runs_that_were_never_flown_are_counted(tmp_path: Path) -> None
     text = campaign_verdict_of(cut).sentence
     assert text.startswith("2 of the 5 required runs passed.")
     assert "a/sim is 0/0 (needs 2/2)" in text
+    assert "Never flown: 7 runs." in text
+    flies = replace(cut, summary=replace(campaign.summary, not_flown=missing, broken=None))
+    text = campaign_verdict_of(flies).sentence
+    assert "Without a result when summary.json was written: 7 runs. The file summary.json " in text
+    assert "it still flies, was cut off, or was flown by an earlier version." in text
+    assert "never flown" not in "".join(verdict_cautions(flies))
     none = replace(cut, summary=replace(campaign.summary, runs=()), requirements=asked[2:])
     assert campaign_verdict_of(none).sentence.startswith("No required run was flown.")
 
