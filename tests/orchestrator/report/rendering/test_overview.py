@@ -101,7 +101,7 @@ def test_required_runs_that_were_never_flown_are_counted(tmp_path: Path) -> None
     assert "Without a result when summary.json was written: 7 runs. The file summary.json " in text
     assert "it still flies, was cut off, or was flown by an earlier version." in text
     assert "never flown" not in "".join(verdict_cautions(flies))
-    none = replace(cut, summary=replace(campaign.summary, runs=()), requirements=asked[2:])
+    none = replace(cut, summary=replace(campaign.summary, runs=()), requirements=tuple(asked[2:]))
     assert campaign_verdict_of(none).sentence.startswith("No required run was flown.")
 
 
