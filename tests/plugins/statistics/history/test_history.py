@@ -286,10 +286,12 @@ def test_nothing_to_show_and_damaged_folders(tmp_path: Path, capsys: Capture) ->
     folder = flown(tmp_path, 1, "PP")
     (folder / "a/wil/2/result.json").write_text("{")
     (folder / "summary.json").unlink()
-    assert main(["history", str(tmp_path / "results")]) == 3
+    page = tmp_path / "page.html"
+    assert main(["history", str(tmp_path / "results"), "--page", str(page)]) == 3
     outcome = capsys.readouterr()
     assert "1/1" in outcome.out
     assert "a/wil/2: result.json is truncated" in outcome.err
+    assert "a/wil/2: result.json is truncated" in page.read_text()
 
 
 def test_an_interval_is_of_proven_flights_only(tmp_path: Path, capsys: Capture) -> None:
@@ -297,6 +299,7 @@ def test_an_interval_is_of_proven_flights_only(tmp_path: Path, capsys: Capture) 
     page = tmp_path / "page.html"
     assert main(["history", str(tmp_path / "results"), "--page", str(page)]) == 0
     assert "0/0 +2 unproven  -" in capsys.readouterr().out
+    assert "0/0 <small>+2 unproven</small>" in page.read_text()
     assert "equal runs" not in page.read_text()
 
 
