@@ -2,7 +2,7 @@
 
 import json
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import cache
 from pathlib import Path
 from typing import Any, TypeVar
@@ -21,6 +21,7 @@ from wil_campaign.orchestrator.campaign.resuming.cluster_ledger import open_orde
 from wil_campaign.orchestrator.reading.errors import ResultsFolderError
 from wil_campaign.orchestrator.reading.model import CampaignDocuments, RunEntry
 from wil_campaign.orchestrator.run_results.campaign_results import Summary, is_same_result
+from wil_campaign.orchestrator.run_results.exit_codes import is_campaign_accepted
 from wil_campaign.orchestrator.run_results.result_reader import result_model, summary_model
 from wil_campaign.orchestrator.run_results.run_result import RunResult
 
@@ -67,6 +68,12 @@ def read_campaign_documents(folder: Path) -> CampaignDocuments:
     entries = tuple(_entries(folder, names, manifest, summary))
     if summary is not None and (why := _contradiction(manifest, summary, entries)):
         problems.append(f"summary.json is of other flights: {why}")
+        summary = None
+    elif summary is not None and requirements and not _is_acceptance_met(summary, requirements):
+        problems.append(
+            "summary.json is damaged: it says accepted, and its runs do not meet what the campaign "
+            "requires"
+        )
         summary = None
     if not entries:
         problems.append("no run was started in this folder")
@@ -153,6 +160,18 @@ def _contradiction(manifest: dict[str, Any], summary: Summary, entries: Iterable
         if one.result is not None and one.name in stated
     ]
     return "; ".join(filter(None, others))
+
+
+def _is_acceptance_met(summary: Summary, requirements: Sequence[PassRequirement]) -> bool:
+    """Return whether the runs of a summary are accepted, where it says so.
+
+    broken: of an earlier version, which did not record it, it is not known.
+    """
+    runs = (*summary.runs, *summary.controls)
+    accepted = is_campaign_accepted(
+        runs, requirements, stopped=summary.stopped, broken=bool(summary.broken)
+    )
+    return not summary.accepted or accepted is True
 
 
 def _difference(name: str, stated: RunResult, result: RunResult) -> str:
