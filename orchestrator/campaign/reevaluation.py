@@ -24,7 +24,12 @@ from wil_campaign.orchestrator.recording.judge_log_file import FILE_NAME
 from wil_campaign.orchestrator.recording.trajectory import recorded_note
 from wil_campaign.orchestrator.run.judging.run_oracles import build_judge
 from wil_campaign.orchestrator.run.judging.run_outcome import outcome_reason
-from wil_campaign.orchestrator.run_results.campaign_results import Summary, summarize
+from wil_campaign.orchestrator.run_results.attempts import after_attempts
+from wil_campaign.orchestrator.run_results.campaign_results import (
+    Summary,
+    is_same_result,
+    summarize,
+)
 from wil_campaign.orchestrator.run_results.control_results import control_result
 from wil_campaign.orchestrator.run_results.evidence_files import foreign_files
 from wil_campaign.orchestrator.run_results.exit_codes import exit_code
@@ -159,10 +164,11 @@ def _summary_of_flight(path: Path) -> Summary:
 
 def _require_own_summary(summary: Summary, runs: Iterable[Reevaluation], folder: Path) -> None:
     """Raise RecordingError for a summary of other flights; one that was cut off lacks some."""
-    stated = {_name_of(run): run.verdict for run in (*summary.runs, *summary.controls)}
+    stated = {_name_of(run): run for run in (*summary.runs, *summary.controls)}
     for run in (each.before for each in runs):
-        missing = run.verdict if summary.broken is None else None
-        if stated.get(_name_of(run), missing) != run.verdict:
+        entry = stated.get(_name_of(run))
+        is_own = summary.broken is None if entry is None else is_same_result(entry, run)
+        if not is_own:
             raise RecordingError(
                 f"{folder / 'summary.json'} is not of the flight of {_name_of(run)}: restore the "
                 "file, or fly the campaign again"
@@ -275,7 +281,7 @@ def judge_run_again(plan: RunPlan, folder: Path) -> Reevaluation:
             subject=before.subject,
         ),
     )
-    return Reevaluation(before, now)
+    return Reevaluation(before, after_attempts(now, before.attempts))
 
 
 def _note_at(folder: Path, decision: RunDecision, before: RunResult) -> str:

@@ -131,7 +131,7 @@ def closing_lines(
         lines.append(f"never flown: {', '.join(summary.not_flown)}")
     caveat_lines = [Text(line, style="yellow") for line in lines]
     short = shortfall_texts(summary.runs, requirements) if summary.accepted is False else ()
-    decided = [Text(f"{required_text(summary.runs)}: {'; '.join(short)}", style="red")]
+    decided = [Text(f"{required_text(summary, requirements)}: {'; '.join(short)}", style="red")]
     return [
         *outside,
         *caveat_lines,

@@ -2,7 +2,7 @@
 
 import json
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import cache
 from pathlib import Path
 from typing import Any, TypeVar
@@ -20,7 +20,8 @@ from wil_campaign.foundation.files.limited_json import (
 from wil_campaign.orchestrator.campaign.resuming.cluster_ledger import open_orders
 from wil_campaign.orchestrator.reading.errors import ResultsFolderError
 from wil_campaign.orchestrator.reading.model import CampaignDocuments, RunEntry
-from wil_campaign.orchestrator.run_results.campaign_results import Summary
+from wil_campaign.orchestrator.run_results.campaign_results import Summary, is_same_result
+from wil_campaign.orchestrator.run_results.exit_codes import is_campaign_accepted
 from wil_campaign.orchestrator.run_results.result_reader import result_model, summary_model
 from wil_campaign.orchestrator.run_results.run_result import RunResult
 
@@ -67,6 +68,12 @@ def read_campaign_documents(folder: Path) -> CampaignDocuments:
     entries = tuple(_entries(folder, names, manifest, summary))
     if summary is not None and (why := _contradiction(manifest, summary, entries)):
         problems.append(f"summary.json is of other flights: {why}")
+        summary = None
+    elif summary is not None and requirements and not _is_acceptance_met(summary, requirements):
+        problems.append(
+            "summary.json is damaged: it says accepted, and its runs do not meet what the campaign "
+            "requires"
+        )
         summary = None
     if not entries:
         problems.append("no run was started in this folder")
@@ -146,13 +153,33 @@ def _contradiction(manifest: dict[str, Any], summary: Summary, entries: Iterable
     """Return in words what a summary says of other flights than those in its folder."""
     if manifest.get("campaign", summary.campaign) != summary.campaign:
         return f"of the campaign {summary.campaign}"
-    stated = {_name_of(run): run.verdict for run in (*summary.runs, *summary.controls)}
+    stated = {_name_of(run): run for run in (*summary.runs, *summary.controls)}
     others = [
-        f"{one.name} is {stated[one.name]} there and {one.result.verdict} in its result.json"
+        _difference(one.name, stated[one.name], one.result)
         for one in entries
-        if one.result is not None and stated.get(one.name, one.result.verdict) != one.result.verdict
+        if one.result is not None and one.name in stated
     ]
-    return "; ".join(others)
+    return "; ".join(filter(None, others))
+
+
+def _is_acceptance_met(summary: Summary, requirements: Sequence[PassRequirement]) -> bool:
+    """Return whether the runs of a summary are accepted, where it says so.
+
+    broken: of an earlier version, which did not record it, it is not known.
+    """
+    runs = (*summary.runs, *summary.controls)
+    accepted = is_campaign_accepted(
+        runs, requirements, stopped=summary.stopped, broken=bool(summary.broken)
+    )
+    return not summary.accepted or accepted is True
+
+
+def _difference(name: str, stated: RunResult, result: RunResult) -> str:
+    """Return in words how a summary's entry of a run differs from its result; "" if it does not."""
+    if stated.verdict != result.verdict:
+        return f"{name} is {stated.verdict} there and {result.verdict} in its result.json"
+    same = is_same_result(stated, result)
+    return "" if same else f"{name} has other figures there than in its result.json"
 
 
 def _name_of(run: RunResult) -> str:

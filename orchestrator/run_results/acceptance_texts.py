@@ -14,13 +14,27 @@ _BY_DECISION: dict[str, Verdict] = {"at least": "PASS", "below": "FAIL"}
 """The verdict by the decision of a sequential test."""
 
 
-def required_text(runs: Iterable[RunResult]) -> str:
-    """Return in words how many of the required runs passed."""
-    required = [run.verdict == "PASS" for run in runs if run.required]
-    if not required:
-        return "no run was required"
-    runs_word = "run" if len(required) == 1 else "runs"
-    return f"{sum(required)} of the {len(required)} required {runs_word} passed"
+def required_text(summary: Summary, requirements: Iterable[PassRequirement]) -> str:
+    """Return in words how many of the required runs passed; those never flown are counted too.
+
+    Of a case and mode with a sequential test, which may end before its last run, only the flown.
+    """
+    wanted = {(wanted.case, wanted.mode): wanted.test is not None for wanted in requirements}
+    required = [run for run in summary.runs if run.required]
+    is_tested = dict.fromkeys(((run.case, run.mode) for run in required), False) | wanted
+    missing = [is_tested.get(place_of(name), True) for name in summary.not_flown].count(False)
+    count = len(required) + missing
+    if not count:
+        return "no required run was flown" if wanted else "no run was required"
+    runs_word = "run" if count == 1 else "runs"
+    passed = sum(run.verdict == "PASS" for run in required)
+    return f"{passed} of the {count} required {runs_word} passed"
+
+
+def place_of(name: str) -> tuple[str, str]:
+    """Return case and mode of a run by its name, as large/wil/1."""
+    case, _, rest = name.partition("/")
+    return case, rest.partition("/")[0]
 
 
 def row_verdict(

@@ -18,8 +18,8 @@ SensorKind = Literal["live", "rendered", "file", "synthesised"]
 embedded, and may have such a sensor itself."""
 VERDICTS: tuple[Verdict, ...] = ("PASS", "FAIL", "INVALID", "ERROR", "ABORTED")
 UNKNOWN_ENDING = (
-    "summary.json does not record the end of the campaign: it was cut off, or flown by an earlier "
-    "version"
+    "summary.json does not record the end of the campaign: it still flies, was cut off, or was "
+    "flown by an earlier version"
 )
 _STOPS = {
     "signal": "stopped by Ctrl-C or SIGTERM",
@@ -136,6 +136,14 @@ def summarize(
         stopped=stopped,
         broken=broken,
     )
+
+
+def is_same_result(summarised: RunResult, result: RunResult) -> bool:
+    """Return whether a run's entry in a summary and its result are of the same flight.
+
+    All figures are compared: another flight of the same seed often has the same verdict.
+    """
+    return replace(summarised, artifacts=()) == replace(result, artifacts=())  # paths differ
 
 
 def totals_of(runs: Sequence[RunResult]) -> Totals:

@@ -25,6 +25,7 @@ class CampaignPoller:
         self._planned: dict[Path, list[str]] = {}
         self._last: dict[Path, dict[str, Any]] = {}
         self._reasons: dict[Path, str] = {}
+        self._controls: dict[Path, dict[str, bool]] = {}
 
     def __enter__(self) -> Self:
         return self
@@ -49,6 +50,7 @@ class CampaignPoller:
                 **status,
                 "planned": self._plan(place.folder),
                 "reasons": self._reasons_of(place.folder, status),
+                "controls": dict(self._controls.get(place.folder, {})),
                 "is_over": False,
             }
         for folder in self._last.keys() - flying:
@@ -70,12 +72,16 @@ class CampaignPoller:
     def _forget(self, folder: Path) -> None:
         """Forget the last status of a campaign, and the reasons of its runs."""
         del self._last[folder]
+        self._controls.pop(folder, None)
         self._reasons = {
             run: why for run, why in self._reasons.items() if folder not in run.parents
         }
 
     def _reasons_of(self, folder: Path, status: Mapping[str, Any]) -> dict[str, str]:
-        """Return the reasons of the finished runs' verdicts, from their results."""
+        """Return the reasons of the finished runs' verdicts, from their results.
+
+        Of controls, whether they ended as they must, is noted on the way.
+        """
         found = {}
         for name in status.get("finished", {}):
             run = folder / str(name)
@@ -84,6 +90,8 @@ class CampaignPoller:
                 if not result:
                     continue
                 self._reasons[run] = str(result.get("reason", ""))
+                if isinstance(control := result.get("control"), dict):
+                    self._controls.setdefault(folder, {})[str(name)] = control.get("met") is True
             found[str(name)] = self._reasons[run]
         return found
 
@@ -118,6 +126,11 @@ def _summary(folder: Path) -> dict[str, Any]:
     return {
         "finished": {name: str(verdict.get("verdict")) for name, verdict in verdicts.items()},
         "reasons": {name: str(verdict.get("reason", "")) for name, verdict in verdicts.items()},
+        "controls": {
+            name: control.get("met") is True
+            for name, run in verdicts.items()
+            if isinstance(control := run.get("control"), dict)
+        },
         "accepted": found.get("accepted"),
     }
 

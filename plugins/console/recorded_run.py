@@ -25,6 +25,7 @@ from wil_campaign.orchestrator.recording.recorded_images import NotDrawnAgainErr
 from wil_campaign.orchestrator.recording.recording_facts import fences_in
 from wil_campaign.orchestrator.report.model import LogEvent
 from wil_campaign.orchestrator.report.reading.event_log import read_event_log
+from wil_campaign.orchestrator.run_results.control_results import expected_text
 from wil_campaign.orchestrator.run_results.result_reader import ResultError, read_result
 from wil_campaign.orchestrator.run_results.run_result import RunResult
 from wil_campaign.plugins.console.playback import Playback
@@ -194,7 +195,7 @@ class RecordedRun:
             entered_s=entered_s,
             events=entered_s,
             verdict_so_far=result.verdict if is_known and result else "",
-            reason=result.reason if is_known and result else "",
+            reason=_reason(result) if is_known and result else "",
             held=False,
             vehicles=tuple(_vehicle(row, loaded.state(row.vehicle, t_s)) for row in rows),
             margins=loaded.margins(t_s),
@@ -202,6 +203,15 @@ class RecordedRun:
             fences=self._fences,
             flown=flown_poses(loaded.history, t_s),
         )
+
+
+def _reason(result: RunResult) -> str:
+    """Return the reason of a verdict; of a control, how it must end, and whether it did."""
+    if result.control is None:
+        return result.reason
+    how = "as it must" if result.control.met else "NOT met"
+    text = f"a control, {how}: it must {expected_text(result.control)}"
+    return f"{text}; {result.reason}" if result.reason else text
 
 
 def _is_known(result: OracleResult, t_s: float) -> bool:

@@ -1,5 +1,6 @@
 """A sheet to draw on: colours, texts, images and boxes, in pixels; origin at the top left."""
 
+import unicodedata
 from dataclasses import dataclass, field
 
 import cv2
@@ -28,6 +29,8 @@ VERDICTS: dict[str, Rgb] = {
     "ERROR": (107, 47, 160),
     "ABORTED": (11, 98, 119),
 }
+_REPLACED = str.maketrans("\N{EN DASH}\N{EM DASH}\N{MULTIPLICATION SIGN}", "--x")
+_DRAWN = "\N{DEGREE SIGN}\N{PLUS-MINUS SIGN}\N{MIDDLE DOT}\N{RIGHT SINGLE QUOTATION MARK}"
 
 
 @dataclass(slots=True)
@@ -45,12 +48,12 @@ class DrawingSheet:
 
     def text(self, at: Spot, text: str, size: int, colour: Rgb = INK) -> float:
         """Write a line with its top left at a place; return its width."""
-        self.pen.text(at, text, colour, font=_font(size))
+        self.pen.text(at, drawable_text(text), colour, font=_font(size))
         return self.width_of(text, size)
 
     def width_of(self, text: str, size: int) -> float:
         """Return the width of a line."""
-        return float(self.pen.textlength(text, font=_font(size)))
+        return float(self.pen.textlength(drawable_text(text), font=_font(size)))
 
     def fitted(self, text: str, size: int, width: float) -> str:
         """Return a line, cut where it is wider than a width."""
@@ -95,6 +98,13 @@ class DrawingSheet:
         left += self.text((left, top), "depth: 0 m", size, DIM) + size
         self.paste(depth_scale(10 * size, size), (left, top + 0.15 * size), 10 * size)
         self.text((left + 11 * size, top), f"{far_m:g} m or farther, or no echo", size, DIM)
+
+
+def drawable_text(text: str) -> str:
+    """Return a text without letters that the font lacks: it draws a box in their place."""
+    parts = unicodedata.normalize("NFKD", text.translate(_REPLACED))
+    letters = [letter for letter in parts if not unicodedata.combining(letter)]
+    return "".join(letter if letter.isascii() or letter in _DRAWN else "?" for letter in letters)
 
 
 def _font(size: int) -> ImageFont.FreeTypeFont | ImageFont.ImageFont:

@@ -7,7 +7,7 @@ from pathlib import Path
 from PIL import Image
 
 from wil_campaign.orchestrator.report.model import Point, RunReport
-from wil_campaign.plugins.run_images.card import headline_text
+from wil_campaign.plugins.run_images.card import headline_text, role_mark
 from wil_campaign.plugins.run_images.drawing import (
     DIM,
     FENCE,
@@ -81,15 +81,18 @@ def _palette(frames: Sequence[Image.Image]) -> Image.Image:
 def _frame(run: RunReport, campaign: str, images: ImagesAtTime, *, is_last: bool) -> Image.Image:
     sheet = DrawingSheet(*SIZE_PX)
     since_s = images.t_s - (run.goal_s or 0.0)
-    sheet.text((_MARGIN, 8), f"{campaign}  {run.name}", 15)
     time_text = f"{since_s:4.1f} s since the goal" + _clearance_text(run, images.t_s)
-    sheet.text((_MARGIN + 240, 8), time_text, 15, DIM)
+    name = f"{campaign}  {run.name}"
+    left = max(_MARGIN + 240, 2 * _MARGIN + sheet.width_of(name, 15))
+    left = min(left, sheet.width - _MARGIN - sheet.width_of(time_text, 15))
+    sheet.text((_MARGIN, 8), sheet.fitted(name, 15, left - 2 * _MARGIN), 15)
+    sheet.text((left, 8), time_text, 15, DIM)
     if is_last and run.result is not None:
-        verdict = run.result.verdict
-        width = sheet.badge((_MARGIN, 28), verdict, 11, VERDICTS.get(verdict, DIM))
-        room = sheet.width - width - 3 * _MARGIN
-        line = sheet.fitted(headline_text(run), 12, room)
-        sheet.text((2 * _MARGIN + width, 29), line, 12)
+        role, role_colour, colour = role_mark(run)
+        left = 2 * _MARGIN + sheet.badge((_MARGIN, 28), run.result.verdict, 11, colour)
+        left += sheet.text((left, 29), role, 12, role_colour) + _MARGIN
+        line = sheet.fitted(headline_text(run), 12, sheet.width - left - _MARGIN)
+        sheet.text((left, 29), line, 12)
     for column, source in enumerate(("real", "twin", "mixed")):
         left = _MARGIN + column * (_IMAGE_PX + 6)
         sheet.text((left, _TOP - 15), source, 12, SUBJECTS[source])

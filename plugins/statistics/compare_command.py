@@ -2,6 +2,7 @@
 
 import json
 import time
+from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
@@ -99,40 +100,57 @@ def compare(
     except (ResultsFolderError, ComparisonError) as error:
         write_stderr(printable_problem(str(error)))
         return 2
+    code = compared.exit_code(removed=removed, changed=changed)
+    sentences, doubts = _sentences(compared, code), _doubts(compared, removed, changed)
     try:
         if page is not None:
-            write_atomically(page, _as_page(compared, page, after=after))
+            html = _as_page(compared, page, sentences, doubts, after=after)
+            write_atomically(page, html)
     except OSError as error:
         write_stderr(f"{page} cannot be written: {error.strerror or error}")
         return 3
     if json_:
         write_stdout(_as_json(compared))
+    elif markdown:
+        write_stdout(_as_markdown(compared, sentences, doubts, after=after))
     else:
-        write_stdout((_as_markdown if markdown else _as_text)(compared, after=after))
+        write_stdout(_as_text(compared, sentences, after=after))
+    for text in doubts:
+        write_stderr(printable_problem(text))
+    return code
+
+
+def _doubts(compared: FolderComparison, removed: bool, changed: bool) -> list[str]:
+    """Return what is missing, differs, is damaged or was not caught by a control."""
+    found = []
     if compared.is_less and not removed:
-        write_stderr(
+        found.append(
             "AFTER lacks cases, oracles, controls or settings of BEFORE; give --removed if that is "
             "intended"
         )
     if compared.settings.changed and not changed:
-        write_stderr(
+        found.append(
             "AFTER was flown with other settings than BEFORE; give --changed if that is intended"
         )
-    for text in compared.problems:
-        write_stderr(printable_problem(text))
-    return compared.exit_code(removed=removed, changed=changed)
+    return [*found, *compared.problems]
 
 
-def _as_text(compared: FolderComparison, *, after: Path) -> str:
+def _as_text(compared: FolderComparison, sentences: Sequence[str], *, after: Path) -> str:
     """Return the comparison as a table and sentences."""
     head = f"{after.name} against {_names(compared.baseline)}"
-    below = "\n".join(map(printable_problem, _sentences(compared)))
+    below = "\n".join(map(printable_problem, sentences))
     return f"{printable_problem(head)}\n\n{table_lines(_HEAD, _rows(compared))}\n\n{below}"
 
 
-def _as_markdown(compared: FolderComparison, *, after: Path) -> str:
-    """Return the comparison as Markdown: the conclusion, the table, the rest as a list."""
-    *lines, last = _sentences(compared)
+def _as_markdown(
+    compared: FolderComparison, sentences: Sequence[str], doubts: Sequence[str], *, after: Path
+) -> str:
+    """Return the comparison as Markdown: the conclusion, the table, the rest as a list.
+
+    doubts: first of the list, since nobody sees standard error beside a comment.
+    """
+    *rest, last = sentences
+    lines = [*doubts, *rest]
     against = f"{after.name} against {_names(compared.baseline)}"
     parts = [f"### {markdown_text(last)}", markdown_text(against)]
     parts += [markdown_table(_HEAD, _rows(compared))]
@@ -140,9 +158,16 @@ def _as_markdown(compared: FolderComparison, *, after: Path) -> str:
     return "\n\n".join(parts)
 
 
-def _as_page(compared: FolderComparison, page: Path, *, after: Path) -> str:
+def _as_page(
+    compared: FolderComparison,
+    page: Path,
+    sentences: Sequence[str],
+    doubts: Sequence[str],
+    *,
+    after: Path,
+) -> str:
     """Return the comparison as HTML, with links from the page to the reports."""
-    *sentences, last = _sentences(compared)
+    *others, last = sentences
     of_settings = ("not set any more: ", "other settings: ", "also changed: ")
 
     def linked(folder: Path) -> LinkedFolder:
@@ -156,8 +181,8 @@ def _as_page(compared: FolderComparison, page: Path, *, after: Path) -> str:
         level=compared.level,
         conclusion=last,
         sentences=[
-            *(sentence for sentence in sentences if not sentence.startswith(of_settings)),
-            *compared.problems,
+            *doubts,
+            *(sentence for sentence in others if not sentence.startswith(of_settings)),
         ],
         before=[linked(path) for path in compared.baseline.folders],
         after=linked(after),
@@ -187,8 +212,11 @@ def _rows(compared: FolderComparison) -> list[tuple[str, ...]]:
     ]
 
 
-def _sentences(compared: FolderComparison) -> list[str]:
-    """Return what is to say beside the table; the last one is the conclusion."""
+def _sentences(compared: FolderComparison, code: int) -> list[str]:
+    """Return what is to say beside the table; the last one is the conclusion.
+
+    code: the exit code; 3 proves nothing, whatever the table has.
+    """
     found, settings = compared.found, compared.settings
     lines = [f"same seed, other verdict: {text}" for text in found.flips]
     lines += [f"proves nothing in one of them: {cell}" for cell in found.unproven]
@@ -215,7 +243,7 @@ def _sentences(compared: FolderComparison) -> list[str]:
         last += f"; {undecided} lost more than the limit, which may be chance: fly more"
     if untestable:
         last += f"; {untestable} lost more than the limit and cannot be tested: equal flights"
-    return [*lines, last]
+    return [*lines, f"this comparison proves nothing; {last}" if code == 3 else last]
 
 
 def _figure_text(value: float, unit: str, *, is_beyond: bool) -> str:

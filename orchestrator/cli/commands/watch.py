@@ -63,12 +63,14 @@ def watch(
 def _verdict_line(folder: Path, name: str) -> str:
     """Return how a campaign that is over ended, by its summary."""
     try:
-        summary = read_campaign_documents(folder).summary
+        documents = read_campaign_documents(folder)
     except ResultsFolderError:
-        summary = None
-    if summary is None:
+        documents = None
+    if documents is None or documents.summary is None:
         return f"{name}: over, and {folder} has no readable summary"
-    return f"{name}: {_WORDS[summary.accepted]}; {required_text(summary.runs)}; results: {folder}"
+    summary = documents.summary
+    required = required_text(summary, documents.requirements)
+    return f"{name}: {_WORDS[summary.accepted]}; {required}; results: {folder}"
 
 
 def _statuses(flying: OperatorPlaces) -> Iterator[tuple[OperatorPlace, dict[str, Any]]]:

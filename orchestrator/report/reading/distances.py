@@ -3,7 +3,7 @@
 import bisect
 import itertools
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from operator import itemgetter
 
 from wil_campaign.orchestrator.reading.judged_motion import JudgedMotion
@@ -60,20 +60,26 @@ def _swept_poses(poses: Sequence[TimedPose]) -> Iterator[TimedPose]:
     yield from poses[-1:]
 
 
-def fence_at(fences: TimedFences, t_s: float) -> Fence | None:
+def fence_at(fences: Sequence[tuple[float, Fence | None]], t_s: float) -> Fence | None:
     """Return the fence that was in force at a time; None before the first."""
     count = bisect.bisect_right(fences, t_s, key=itemgetter(0))
     return fences[count - 1][1] if count else None
 
 
-def fence_distance_values(poses: Sequence[TimedPose], fences: TimedFences) -> tuple[Point, ...]:
-    """Return the distance to the boundary of the fence of that time, negative outside."""
-    return tuple(
-        (t_s, fence.margin_m(pose.position_ned_m))
-        for t_s, pose in poses
-        if all(map(math.isfinite, pose.position_ned_m))
-        and (fence := fence_at(fences, t_s)) is not None
-    )
+def fence_distance_values(
+    poses: Sequence[TimedPose], fences: TimedFences, near_ground_at: Callable[[float], bool]
+) -> tuple[Point, ...]:
+    """Return the distance to the boundary of the fence of that time, negative outside.
+
+    As the oracle judges: near the ground its floor does not count.
+    """
+    low = [(t_s, fence.without_floor()) for t_s, fence in fences]
+    found = []
+    for t_s, pose in poses:
+        fence = fence_at(low if near_ground_at(t_s) else fences, t_s)
+        if fence is not None and all(map(math.isfinite, pose.position_ned_m)):
+            found.append((t_s, fence.margin_m(pose.position_ned_m)))
+    return tuple(found)
 
 
 def height_values(poses: Sequence[TimedPose]) -> tuple[Point, ...]:

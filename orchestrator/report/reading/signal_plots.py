@@ -72,11 +72,11 @@ def _clearance_plot(
 
 def _fence_plot(poses: Poses, flight: JudgedFlight) -> Plot:
     curves = tuple(
-        curve_of(name, fence_distance_values(poses[name], fences))
+        curve_of(name, fence_distance_values(poses[name], fences, flight.motion.near_ground_at))
         for name, fences in flight.fences.items()
         if name in poses
     )
-    note = "negative is outside"
+    note = "negative is outside; its floor counts between at_height and land"
     if any(len(fences) > 1 for fences in flight.fences.values()):
         note += "; to the fence in force at each time"
     return Plot("margin to the fence", "m", curves, (PlotLimit(0.0),), note)

@@ -8,13 +8,18 @@ from wil_campaign.orchestrator.reading.model import CampaignDocuments
 from wil_campaign.orchestrator.report.words import MODES, NOTHING, number_text, run_count_text
 from wil_campaign.orchestrator.run_results.acceptance_texts import (
     left_out_text,
+    place_of,
     required_text,
     row_verdict,
     shortfall_texts,
     stand_in_text,
 )
-from wil_campaign.orchestrator.run_results.campaign_results import Summary
-from wil_campaign.orchestrator.run_results.caveats import campaign_caveats, synthesised_texts
+from wil_campaign.orchestrator.run_results.campaign_results import UNKNOWN_ENDING, Summary
+from wil_campaign.orchestrator.run_results.caveats import (
+    campaign_caveats,
+    retried_texts,
+    synthesised_texts,
+)
 from wil_campaign.orchestrator.run_results.control_results import ended_text, expected_text
 from wil_campaign.orchestrator.run_results.exit_codes import standings_of
 from wil_campaign.orchestrator.run_results.run_result import RunResult, tightest_oracle
@@ -34,7 +39,7 @@ class CampaignVerdict:
 class CaseRow:
     """A case and mode in the table of the overview; texts as shown.
 
-    badge: the CSS class of the verdict: `met` for a control that ended as required.
+    badge: the CSS class of the verdict: `met` or `unmet` for a control.
     """
 
     case: str
@@ -58,7 +63,7 @@ def campaign_verdict_of(documents: CampaignDocuments) -> CampaignVerdict:
         )
         return CampaignVerdict("no verdict", "open", text)
     totals = summary.totals
-    required = required_text(summary.runs)
+    required = required_text(summary, documents.requirements)
     counted = f"{required[0].upper()}{required[1:]}."
     if summary.accepted is False and (why := _not_accepted_because(documents, summary)):
         counted += f" Not accepted because {'; '.join(why)}."
@@ -67,8 +72,11 @@ def campaign_verdict_of(documents: CampaignDocuments) -> CampaignVerdict:
     if totals.controls:
         counted += f" {totals.controls_met} of {totals.controls} controls were met."
     if summary.not_flown:
-        counted += f" {len(summary.not_flown)} runs were never flown."
-    if summary.ending:
+        missing = _missing_text(summary)
+        counted += f" {missing[0].upper()}{missing[1:]}: {run_count_text(len(summary.not_flown))}."
+    if summary.ending == UNKNOWN_ENDING:
+        counted += f" The file {UNKNOWN_ENDING}."
+    elif summary.ending:
         counted += f" {summary.ending[0].upper()}{summary.ending[1:]}."
     if summary.accepted is None:
         return CampaignVerdict("nothing required was flown", "open", counted)
@@ -81,6 +89,7 @@ def campaign_verdict_of(documents: CampaignDocuments) -> CampaignVerdict:
 def _not_accepted_because(documents: CampaignDocuments, summary: Summary) -> list[str]:
     """Return which required cases passed too rarely, and which controls were not met."""
     places = {(run.case, run.mode) for run in summary.runs if run.required}
+    places |= set(map(place_of, summary.not_flown))
     wanted = [
         requirement
         for requirement in documents.requirements
@@ -129,11 +138,21 @@ def verdict_cautions(documents: CampaignDocuments) -> list[str]:
         *campaign_caveats(summary.runs),
         *synthesised_texts(summary),
         *summary.caveats,
+        *(f"not at the first attempt: {text}" for text in retried_texts(summary.runs)),
         *summary.unmet,
     ]
     if summary.not_flown:
-        found.append(f"never flown: {', '.join(summary.not_flown)}")
+        found.append(f"{_missing_text(summary)}: {', '.join(summary.not_flown)}")
     return found
+
+
+def _missing_text(summary: Summary) -> str:
+    """Return in words why runs are missing in a summary.
+
+    While a campaign flies, or its last run lands after its program died, they may follow.
+    """
+    has_ended = summary.broken is not None or summary.stopped is not None
+    return "never flown" if has_ended else "without a result when summary.json was written"
 
 
 def case_rows(documents: CampaignDocuments) -> list[CaseRow]:
@@ -157,7 +176,7 @@ def _case_row(
         control = runs[0].control
         required = f"must be {control.verdict}" if control is not None else ""
         verdict = runs[0].verdict
-        badge = "met" if not any(run.went_wrong for run in runs) else verdict
+        badge = "unmet" if any(run.went_wrong for run in runs) else "met"
     clearances = [run.clearance_m for run in runs if run.clearance_m is not None]
     skews = [abs(run.sync.takeoff_skew_s) for run in runs if run.sync.takeoff_skew_s is not None]
     errors = [

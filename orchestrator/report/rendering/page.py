@@ -53,7 +53,7 @@ def sketch_of_sight(sight: PerceivedSight | None) -> Markup | None:
 class RunPage:
     """A run's section of the page, and its row in the overview; texts as shown.
 
-    badge: the CSS class of the verdict: `met` for a control that ended as required.
+    badge: the CSS class of the verdict: `met` or `unmet` for a control.
     """
 
     anchor: str
@@ -191,13 +191,17 @@ def page_anchors(names: Iterable[str]) -> list[str]:
 
 
 def role_of(run: RunReport) -> str:
-    """Return the role of a run: required, reported only, or a control and whether it was met."""
+    """Return the role of a run: required, reported only, or a control and whether it was met.
+
+    With the number of its attempt, where it is not the first.
+    """
     result = run.result
     if result is None:
         return ""
+    role = "required" if result.required else "reported only"
     if result.control is not None:
-        return "control, met" if result.control.met else "control, NOT met"
-    return "required" if result.required else "reported only"
+        role = "control, met" if result.control.met else "control, NOT met"
+    return f"{role}, attempt {len(result.attempts) + 1}" if result.attempts else role
 
 
 def _is_met(result: RunResult | None) -> bool:
@@ -208,7 +212,9 @@ def _is_met(result: RunResult | None) -> bool:
 def _badge(result: RunResult | None) -> str:
     if result is None:
         return "NO-RESULT"
-    return "met" if _is_met(result) else result.verdict
+    if result.control is None:
+        return result.verdict
+    return "met" if result.control.met else "unmet"  # a control that passed is not green
 
 
 def decides_verdict(result: RunResult | None) -> bool:

@@ -34,6 +34,15 @@ export function finalOf(model, run) {
   return campaign?.flying?.[name] ? "" : (campaign?.finished?.[name] ?? "");
 }
 
+/** A finished run's verdict with its colour. A control must not pass: its PASS is red, and the FAIL that it must have is not.
+ * @param {any} campaign @param {string} name @returns {{text: string, kind: string} | undefined} */
+export function shownVerdict(campaign, name) {
+  const verdict = campaign.finished?.[name];
+  const isMet = campaign.controls?.[name];
+  if (!verdict || isMet === undefined) return verdict && { text: verdict, kind: verdict };
+  return isMet ? { text: `${verdict}, as a control must`, kind: "planned" } : { text: `${verdict}: control NOT met`, kind: "FAIL" };
+}
+
 /** The verdict in the head; never PASS before the verdict is final.
  * @param {Model} model @param {Run | undefined} run @returns {Verdict} */
 export function verdictOf(model, run) {
@@ -42,7 +51,8 @@ export function verdictOf(model, run) {
   const campaign = run && campaignOf(model, run.key);
   if (run && final) {
     const reason = campaign?.reasons?.[run.key.slice(campaign.folder.length + 1)] || view?.reason || "";
-    return { label: "Verdict, final", text: final, kind: final, reason, isFinal: true };
+    const shown = campaign && shownVerdict(campaign, run.key.slice(campaign.folder.length + 1));
+    return { label: "Verdict, final", text: shown?.text ?? final, kind: shown?.kind ?? final, reason, isFinal: true };
   }
   const open = { label: "Verdict so far", kind: "planned", reason: view?.reason ?? "", isFinal: false };
   if (!view) return { ...open, text: "–" };
@@ -205,7 +215,11 @@ function oldText(run) {
 
 /** The number of runs by verdict. @param {any} campaign */
 export function countsText(campaign) {
-  const verdicts = Object.values(campaign.finished ?? {});
+  const finished = Object.keys(campaign.finished ?? {});
+  const verdicts = finished.map((name) => {
+    const isMet = campaign.controls?.[name];
+    return isMet === undefined ? campaign.finished[name] : `control ${isMet ? "met" : "NOT met"}`;
+  });
   const kinds = [...new Set(verdicts)].map((kind) => `${verdicts.filter((one) => one === kind).length} ${kind}`);
   return `${verdicts.length} of ${campaign.total ?? "?"} runs judged${kinds.length ? `: ${kinds.join(", ")}` : ""}`;
 }

@@ -44,7 +44,13 @@ class History:
         """Write the history as one HTML page, which links to the reports. Raises OSError."""
         links = {key: link_from(path, report) for key, report in self.reports.items()}
         made_utc = utc_text(time.time())
-        page = render_history(self.rows, self.variations, reports=links, made_utc=made_utc)
+        page = render_history(
+            self.rows,
+            self.variations,
+            problems=self.problems,
+            reports=links,
+            made_utc=made_utc,
+        )
         write_atomically(Path(path), page)
 
 

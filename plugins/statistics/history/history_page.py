@@ -21,10 +21,14 @@ def render_history(
     rows: Sequence[HistoryRow],
     variations: Sequence[VerdictVariation],
     *,
+    problems: Sequence[str],
     reports: Mapping[tuple[str, str], str],
     made_utc: str,
 ) -> str:
-    """Return the history page as HTML. reports: links, by campaign and time of its start."""
+    """Return the history page as HTML. reports: links, by campaign and time of its start.
+
+    problems: what is missing or damaged in the folders, and so not shown.
+    """
     groups: dict[str, list[HistoryRow]] = {}
     for row in rows:
         groups.setdefault(f"{row.campaign} {row.case} {row.mode}", []).append(row)
@@ -32,6 +36,7 @@ def render_history(
         "history.html.j2",
         package="wil_campaign.plugins.statistics",
         reports=reports,
+        problems=problems,
         series=[
             _Series(name, group[-1], rate_series([_rate(row) for row in group]))
             for name, group in groups.items()

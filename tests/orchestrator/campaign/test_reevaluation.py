@@ -16,8 +16,9 @@ from wil_campaign.orchestrator.campaign.reevaluation import judge_run_again
 from wil_campaign.orchestrator.cli import main
 from wil_campaign.orchestrator.reading.trajectory_file import read_trajectory
 from wil_campaign.orchestrator.recording.errors import RecordingError
+from wil_campaign.orchestrator.run_results.attempts import after_attempts
 from wil_campaign.orchestrator.run_results.result_reader import read_result
-from wil_campaign.orchestrator.run_results.run_result import RunResult
+from wil_campaign.orchestrator.run_results.run_result import EarlierAttempt, RunResult
 from wil_campaign.safety.model.oracle_results import Verdict
 
 Fly = Callable[..., tuple[RunResult, Path]]
@@ -337,7 +338,7 @@ def test_a_required_run_that_is_not_there_is_forgiven_by_no_share(
         ({"stopped": "command"}, 4, "stopped by an operator's command"),
         ({"broken": True}, 3, "an internal exception occurred outside of its runs"),
         ({"broken": None}, 3, "summary.json does not record the end of the campaign"),
-        (None, 3, "it was cut off, or flown by an earlier version"),
+        (None, 3, "it still flies, was cut off, or was flown by an earlier version"),
     ],
 )
 def test_judge_counts_the_end_of_a_campaign_outside_of_its_runs(
@@ -378,18 +379,37 @@ def test_a_folder_without_its_summary_is_refused(
     assert "without this file it is unknown how the campaign ended" in outcome.err
 
 
-@pytest.mark.parametrize("runs", ["FAIL", ""])
+@pytest.mark.parametrize(
+    "change", [{"verdict": "FAIL"}, {"duration_s": 1.0}, None], ids=["verdict", "figure", "gone"]
+)
 def test_a_summary_of_other_flights_is_refused(
-    recorded: Path, tmp_path: Path, capsys: Any, runs: str
+    recorded: Path, tmp_path: Path, capsys: Any, change: dict[str, Any] | None
 ) -> None:
     """What it says of the end, and of who flew as the real vehicle, is not of these flights."""
     folder = tmp_path / "copy"
     shutil.copytree(recorded, folder)
     document = json.loads((folder / "summary.json").read_text())
-    document["runs"] = [{**run, "verdict": runs} for run in document["runs"] if runs]
+    document["runs"] = [] if change is None else [run | change for run in document["runs"]]
     (folder / "summary.json").write_text(json.dumps(document))
     assert judge(folder) == 3
     assert "summary.json is not of the flight of large/sim/1" in capsys.readouterr().err
+
+
+def test_a_pass_at_a_second_attempt_keeps_its_reason(
+    recorded: Path, tmp_path: Path, capsys: Any
+) -> None:
+    """The summary of a job had "PASS: " and nothing behind it."""
+    folder = tmp_path / "copy"
+    shutil.copytree(recorded, folder)
+    result, summary = folder / "large/sim/1/result.json", folder / "summary.json"
+    before = EarlierAttempt("INVALID", "no pose", "earlier/large/sim/1-1")
+    flown = after_attempts(read_result(result), (before,))
+    result.write_text(to_json(flown))
+    document = json.loads(summary.read_text())
+    document["runs"] = [json.loads(to_json(flown))]
+    summary.write_text(json.dumps(document))
+    assert judge(folder) == 0
+    assert "passed at attempt 2; before: INVALID (no pose)" in capsys.readouterr().out
 
 
 def test_a_control_is_judged_again_as_a_control(recorded: Path, capsys: Any) -> None:

@@ -181,6 +181,16 @@ def write_control(folder: Path, control: RunResult) -> None:
         (folder / document).write_text(json.dumps(content))
 
 
+def write_summary_anew(folder: Path) -> None:
+    """Write what the results of a folder's runs say into its summary, after they were changed."""
+    summary = json.loads((folder / "summary.json").read_text())
+    summary["runs"] = [
+        json.loads((folder / f"{run['case']}/{run['mode']}/{run['rep']}/result.json").read_text())
+        for run in summary["runs"]
+    ]
+    (folder / "summary.json").write_text(json.dumps(summary))
+
+
 def write_searched(home: Path, *, started_utc: str) -> Path:
     """Write the folder of a search with one batch beneath a campaign's results, and return it."""
     folder = home / "search" / started_utc.replace(":", "").replace("-", "")

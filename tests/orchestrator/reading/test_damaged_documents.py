@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 
 from tests.orchestrator.reading.flown_campaign import flights, write_flown
+from wil_campaign.campaigns.values.acceptance import PassRequirement, PassShare
 from wil_campaign.foundation.files.document_writer import to_json
 from wil_campaign.orchestrator.cli import main
 
@@ -142,6 +143,36 @@ def test_a_run_that_its_campaign_does_not_count_is_counted_nowhere(
         assert "not counted: a/real/3, b/real/1; " in said
     main(["history", str(folder), "--json"])
     assert sum(row["flown"] for row in json.loads(capsys.readouterr().out)["rows"]) == 6
+
+
+def test_another_flight_of_the_same_seed_and_verdict_gives_no_verdict(
+    tmp_path: Path, capsys: Capture
+) -> None:
+    """As a run's folder copied from the campaign of another day, or a result edited by hand."""
+    folder = flown(tmp_path / "gate")
+    changed(folder / "a/wil/2/result.json", lambda result: result.update(duration_s=11.0))
+    for command in COMMANDS:
+        code, said = outcome(capsys, command, folder)
+        assert (command, code) == (command, 3)
+        assert "a/wil/2 has other figures there than in its result.json" in said
+    assert "no verdict" in (folder / "report.html").read_text()
+
+
+@pytest.mark.parametrize(("flown_as", "share"), [("PF", 2), ("PI", 1)])
+def test_a_summary_that_accepts_what_is_not_accepted_gives_no_verdict(
+    tmp_path: Path, capsys: Capture, flown_as: str, share: int
+) -> None:
+    """Its page was green, and said that one of the two required runs passed."""
+    asked = [PassRequirement("a", "wil", PassShare(share, 2))]
+    given = flights("a", "wil", flown_as)
+    folder = write_flown(tmp_path / "gate", given, with_motion=False, requirements=asked)
+    said = "summary.json is damaged: it says accepted, and its runs do not meet"
+    assert main(["report", str(folder)]) == 3  # nothing is recorded
+    assert said not in capsys.readouterr().err
+    changed(folder / "summary.json", lambda summary: summary.update(accepted=True))
+    assert main(["report", str(folder)]) == 3
+    assert said in capsys.readouterr().err
+    assert "no verdict" in (folder / "report.html").read_text()
 
 
 @pytest.mark.parametrize("other", ["b", "gate"])

@@ -205,6 +205,28 @@ async def test_a_run_that_ended_shows_its_final_verdict_and_no_green(console: Co
     await look(console, seen)
 
 
+async def test_a_control_that_passed_is_red_and_one_that_failed_as_it_must_is_not(
+    console: Console,
+) -> None:
+    def seen(feed: FakeFeed) -> None:
+        page = feed.page
+        ended = {"blind/sim/1": "PASS", "deaf/sim/1": "FAIL", "large/sim/1": "PASS"}
+        feed.take(view("blind/sim/1", stage="end", verdict_so_far="PASS"))
+        feed.status(finished=ended, controls={"blind/sim/1": False, "deaf/sim/1": True})
+        wait_until(page, text("verdict"), "PASS: control NOT met")
+        assert "FAIL" in page.value("document.getElementById('verdict').className")
+        found = "[...document.querySelectorAll('#matrix .badge')]"
+        badges = f"{found}.map((one) => one.className + one.textContent)"
+        assert page.value(badges) == [
+            "badge FAIL1 PASS: control NOT met",
+            "badge planned1 FAIL, as a control must",
+            "badge PASS1 PASS",
+        ]
+        assert "1 control NOT met, 1 control met, 1 PASS" in page.value(text("matrix"))
+
+    await look(console, seen)
+
+
 async def test_a_run_that_has_ended_without_a_verdict_yet_is_no_pass(console: Console) -> None:
     def seen(feed: FakeFeed) -> None:
         feed.take(view("large/wil/1"))

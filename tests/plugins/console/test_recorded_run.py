@@ -13,6 +13,7 @@ import pytest
 
 from tests.orchestrator.mcap_runs import recorder
 from tests.orchestrator.report.recorded_campaign import END_S, GOAL_S, write_campaign
+from wil_campaign.foundation.files.document_writer import to_json
 from wil_campaign.orchestrator.cli import main
 from wil_campaign.orchestrator.live_feed.feed_messages import (
     EventView,
@@ -23,6 +24,8 @@ from wil_campaign.orchestrator.live_feed.feed_messages import (
 )
 from wil_campaign.orchestrator.recording.errors import RecordingError
 from wil_campaign.orchestrator.recording.mcap.mcap_settings import EXACT, RecordingSettings
+from wil_campaign.orchestrator.run_results.control_results import ControlResult
+from wil_campaign.orchestrator.run_results.result_reader import read_result
 from wil_campaign.plugins.console.console_access import AccessError
 from wil_campaign.plugins.console.playback import Playback
 from wil_campaign.plugins.console.recorded_run import RecordedRun
@@ -55,6 +58,17 @@ async def played(folder: Path) -> list[FeedMessage]:
         return found
     await playing
     raise AssertionError("it is played until it is cancelled")
+
+
+async def test_the_verdict_of_a_control_says_how_it_had_to_end(tmp_path: Path) -> None:
+    """Its PASS looked like that of a run."""
+    folder = write_campaign(tmp_path / "gate") / "large" / "sim" / "1"
+    result = read_result(folder / "result.json")
+    assert result.verdict == "PASS"
+    control = ControlResult("large", "FAIL", "reached", None, False)
+    (folder / "result.json").write_text(to_json(replace(result, control=control)))
+    views = [message for message in await played(folder) if isinstance(message, RunView)]
+    assert views[-1].reason == "a control, NOT met: it must FAIL by reached"
 
 
 async def test_a_finished_run_is_played_as_it_was_flown(tmp_path: Path) -> None:

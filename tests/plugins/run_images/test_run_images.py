@@ -3,6 +3,7 @@
 import shutil
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,17 +15,27 @@ from wil_campaign.orchestrator.cli import main
 from wil_campaign.orchestrator.reading.errors import ResultsFolderError
 from wil_campaign.orchestrator.reading.results_folder import read_campaign_documents
 from wil_campaign.orchestrator.recording.mcap.mcap_settings import EXACT, RecordingSettings
+from wil_campaign.orchestrator.report.model import RunReport
 from wil_campaign.orchestrator.report.reading.run_reader import read_run
 from wil_campaign.orchestrator.report.reading.sight_decoding import ImageSize
-from wil_campaign.orchestrator.run_results.run_result import LaterEvent
-from wil_campaign.plugins.run_images.card import SIZE_PX, draw_card
-from wil_campaign.plugins.run_images.drawing import SUBJECTS, VERDICTS, DrawingSheet
+from wil_campaign.orchestrator.run_results.control_results import ControlResult
+from wil_campaign.orchestrator.run_results.run_result import EarlierAttempt, LaterEvent
+from wil_campaign.plugins.run_images.card import SIZE_PX, draw_card, role_mark
+from wil_campaign.plugins.run_images.drawing import (
+    DIM,
+    SUBJECTS,
+    VERDICTS,
+    DrawingSheet,
+    Spot,
+    drawable_text,
+)
 from wil_campaign.plugins.run_images.image_writer import write_card, write_moving_picture
 from wil_campaign.plugins.run_images.recorded_images import (
     ImagesAtTime,
     most_mixed,
     read_images,
 )
+from wil_campaign.safety.model.oracle_results import Verdict
 from wil_campaign.vehicles.perception.depth_colors import color_depth, depth_scale
 from wil_campaign.vehicles.readings import CameraReading, DepthReading, Drawing
 from wil_campaign.worlds.camera import Intrinsics
@@ -106,6 +117,62 @@ def test_the_card_of_a_failure_with_unsound_evidence_says_so(folder: Path) -> No
     for shown, is_said in ((run, False), (doubted, True)):
         draw_card(shown, "gate", None).image.save(folder / "card.png")
         assert has_colour(folder / "card.png", VERDICTS["INVALID"]) is is_said
+
+
+def with_control(run: RunReport, verdict: Verdict, *, met: bool) -> RunReport:
+    assert run.result is not None
+    control = ControlResult("large", "FAIL", "reached", None, met)
+    return replace(run, result=replace(run.result, verdict=verdict, control=control))
+
+
+def test_a_control_has_the_colour_of_how_it_had_to_end(folder: Path) -> None:
+    """A control that passed had the green card of a success."""
+    campaign = read_campaign_documents(folder)
+    run = read_run(folder, campaign.entries[0], ImageSize.for_runs(1))
+    wrong, met = with_control(run, "PASS", met=False), with_control(run, "FAIL", met=True)
+    assert [role_mark(one)[0] for one in (run, wrong, met)] == [
+        "required",
+        "control, NOT met",
+        "control, met",
+    ]
+    draw_card(wrong, "gate", None).image.save(folder / "card.png")
+    assert not has_colour(folder / "card.png", VERDICTS["PASS"])
+    assert role_mark(wrong)[2] == VERDICTS["FAIL"]
+    assert role_mark(met)[2] == DIM
+
+
+def test_a_pass_at_a_second_attempt_says_so(folder: Path) -> None:
+    campaign = read_campaign_documents(folder)
+    run = read_run(folder, campaign.entries[0], ImageSize.for_runs(1))
+    assert run.result is not None
+    again = replace(run.result, attempts=(EarlierAttempt("INVALID", "no pose", "earlier/1"),))
+    assert role_mark(replace(run, result=again))[0] == "required, attempt 2"
+
+
+def test_no_letter_is_drawn_that_the_font_lacks() -> None:
+    """ "landed" had two boxes for what it does not measure, and a name its umlauts."""
+    assert (
+        drawable_text("Tür \N{EN DASH} 0.1 \N{MULTIPLICATION SIGN} 2\N{DEGREE SIGN}… ≤ 門")
+        == "Tur - 0.1 x 2\N{DEGREE SIGN}... ? ?"
+    )
+
+
+def test_a_flight_of_the_twin_alone_is_not_called_world_in_the_loop(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    drawn: list[str] = []
+    draw = DrawingSheet.text
+
+    def text(sheet: DrawingSheet, at: Spot, line: str, *more: Any) -> float:
+        drawn.append(line)
+        return draw(sheet, at, line, *more)
+
+    monkeypatch.setattr(DrawingSheet, "text", text)
+    for name, is_mixed in (("large/sim/1", False), ("large/wil/1", True)):
+        drawn.clear()
+        write_card(folder, name)
+        assert any("world-in-the-loop" in line for line in drawn) is is_mixed
+    assert drawn
 
 
 def test_colours_of_depths_have_their_scale_on_the_card(folder: Path) -> None:

@@ -1,7 +1,7 @@
 // @ts-check
 // The campaign's runs with their verdicts and reasons, and its guards.
 
-import { countsText } from "../flight_state.js";
+import { countsText, shownVerdict } from "../flight_state.js";
 import { by, make } from "./dom.js";
 
 /** @typedef {import("../model.js").Model} Model */
@@ -31,10 +31,10 @@ export function showCampaign(campaign) {
   const rows = new Map();
   for (const name of names) {
     const [group, rep] = [name.split("/").slice(0, 2).join("/"), name.split("/")[2]];
-    const verdict = campaign.finished?.[name];
+    const verdict = shownVerdict(campaign, name);
     const flying = campaign.flying?.[name];
-    const word = verdict ?? (flying ? flying.stage : campaign.is_over || campaign.stopped ? "not flown" : "planned");
-    const badge = make("span", `${rep} ${word}`, `badge ${verdict ?? (flying ? "flying" : "planned")}`);
+    const word = verdict?.text ?? (flying ? flying.stage : campaign.is_over || campaign.stopped ? "not flown" : "planned");
+    const badge = make("span", `${rep} ${word}`, `badge ${verdict?.kind ?? (flying ? "flying" : "planned")}`);
     badge.title = campaign.reasons?.[name] ?? "";
     rows.set(group, [...(rows.get(group) ?? []), badge]);
   }

@@ -2,7 +2,7 @@
 // The head: state, verdict, and progress of an abort. Its size is constant, so that ABORT never
 // moves.
 
-import { airText, abortText, campaignOf, finalOf, hasEnded, isIdle, nextText, runName, stateText, verdictOf } from "../flight_state.js";
+import { airText, abortText, campaignOf, finalOf, hasEnded, isIdle, nextText, runName, shownVerdict, stateText, verdictOf } from "../flight_state.js";
 import { button, by, clock, number, write } from "./dom.js";
 import { nearestOf, sinceStart } from "./margins.js";
 
@@ -107,12 +107,12 @@ export class Head {
       const name = `${several && campaign ? `${campaign.name}: ` : ""}${runName(run.key)}`;
       const final = finalOf(model, run);
       const isLive = model.mode === "live" && !hasEnded(model, run);
-      return [run.key, final && run.key !== model.chosen ? `${name} · ${final}` : isLive ? `● ${name}${run.key === model.chosen ? "" : ` · ${run.view?.stage ?? "begins"}`}` : name, false];
+      return [run.key, final && run.key !== model.chosen ? `${name} · ${verdictOf(model, run).text}` : isLive ? `● ${name}${run.key === model.chosen ? "" : ` · ${run.view?.stage ?? "begins"}`}` : name, false];
     });
     for (const campaign of campaigns) {
-      for (const [name, verdict] of Object.entries(campaign.finished ?? {})) {
+      for (const name of Object.keys(campaign.finished ?? {})) {
         const key = `${campaign.folder}/${name}`;
-        if (!model.runs.has(key)) lines.push([key, `${several ? `${campaign.name}: ` : ""}${name} · ${verdict} (see its report)`, true]);
+        if (!model.runs.has(key)) lines.push([key, `${several ? `${campaign.name}: ` : ""}${name} · ${shownVerdict(campaign, name)?.text} (see its report)`, true]);
       }
     }
     const listed = JSON.stringify(lines);

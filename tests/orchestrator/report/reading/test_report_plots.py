@@ -86,6 +86,18 @@ def test_a_fence_that_was_changed_in_flight_counts_from_then_on() -> None:
     assert "in force at each time" in plot.note
 
 
+def test_the_floor_of_a_fence_counts_between_at_height_and_land_as_for_the_oracle() -> None:
+    """On the ground the plot was lower than the least that the oracle had measured."""
+    low = Fence.box(north_m=(-9.0, 9.0), east_m=(-9.0, 9.0), up_m=(1.5, 9.0))
+    motion = JudgedMotion(stages={"at_height": 2.0, "land": 5.0})
+    flight = JudgedFlight(motion, Scene(), {"real": [(-math.inf, low)]})
+    plot = plot_of("margin to the fence", {"real": hovering(2.0)}, flight=flight)
+    margins = dict(plot.curves[0].points)
+    in_flight = {round(one, 6) for t_s, one in margins.items() if 2.0 <= t_s < 5.0}
+    near_ground = {round(one, 6) for t_s, one in margins.items() if not 2.0 <= t_s < 5.0}
+    assert (in_flight, near_ground) == ({0.5}, {7.0})
+
+
 WALL = Scene((SceneObject(1, "wall", box_shape((0.2, 6.0, 3.0)), Pose.of(5.0, 0.0, 1.5)),))
 
 

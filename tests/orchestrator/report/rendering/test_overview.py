@@ -16,9 +16,10 @@ from wil_campaign.orchestrator.report.rendering.overview import (
     campaign_verdict_of,
     case_rows,
     margin_text,
+    verdict_cautions,
 )
 from wil_campaign.orchestrator.report.words import NOTHING
-from wil_campaign.orchestrator.run_results.run_result import RunResult
+from wil_campaign.orchestrator.run_results.run_result import EarlierAttempt, RunResult
 from wil_campaign.safety.model.oracle_results import EvidenceResult, OracleResult
 
 COMPOSED: dict[str, Any] = {"campaign": "both", "campaigns": {"one": "gate.yaml"}}
@@ -75,6 +76,46 @@ def test_the_reason_against_a_composition_names_the_share(tmp_path: Path) -> Non
     )
     text = campaign_verdict_of(read_campaign_documents(folder)).sentence
     assert "Not accepted because one.a/wil is 3/5 (needs 4/5)." in text
+
+
+def test_required_runs_that_were_never_flown_are_counted(tmp_path: Path) -> None:
+    """A campaign that was killed after two of its five required runs is not "2 of the 2"."""
+    asked = [
+        PassRequirement("a", "wil", PassShare(3, 3)),
+        PassRequirement("a", "sim", PassShare(2, 2)),
+        PassRequirement("decided", "wil", PassShare(5, 5), TEST),
+    ]
+    missing = ("a/sim/1", "a/sim/2", "a/wil/3", "b/wil/1", "blind/wil/1", "decided/wil/5", "?")
+    folder = write_flown(
+        tmp_path / "cut", flights("a", "wil", "PP"), with_motion=False, requirements=asked
+    )
+    campaign = read_campaign_documents(folder)
+    assert campaign.summary is not None
+    cut = replace(campaign, summary=replace(campaign.summary, not_flown=missing))
+    text = campaign_verdict_of(cut).sentence
+    assert text.startswith("2 of the 5 required runs passed.")
+    assert "a/sim is 0/0 (needs 2/2)" in text
+    assert "Never flown: 7 runs." in text
+    flies = replace(cut, summary=replace(campaign.summary, not_flown=missing, broken=None))
+    text = campaign_verdict_of(flies).sentence
+    assert "Without a result when summary.json was written: 7 runs. The file summary.json " in text
+    assert "it still flies, was cut off, or was flown by an earlier version." in text
+    assert "never flown" not in "".join(verdict_cautions(flies))
+    none = replace(cut, summary=replace(campaign.summary, runs=()), requirements=tuple(asked[2:]))
+    assert campaign_verdict_of(none).sentence.startswith("No required run was flown.")
+
+
+def test_a_pass_at_a_second_attempt_is_named_beside_the_verdict(tmp_path: Path) -> None:
+    folder = write_flown(tmp_path / "gate", flights("a", "wil", "PP"), with_motion=False)
+    campaign = read_campaign_documents(folder)
+    assert campaign.summary is not None
+    first, second = campaign.summary.runs
+    before = EarlierAttempt("INVALID", "no pose for 0.7 s", "earlier/a/wil/2-1")
+    retried = replace(campaign.summary, runs=(first, replace(second, attempts=(before,))))
+    assert verdict_cautions(campaign) == []
+    assert verdict_cautions(replace(campaign, summary=retried)) == [
+        "not at the first attempt: a wil #2: PASS at attempt 2, after INVALID (no pose for 0.7 s)"
+    ]
 
 
 def test_a_decided_part_of_a_composition_lacks_no_run(tmp_path: Path) -> None:

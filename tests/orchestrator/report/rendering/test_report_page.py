@@ -194,6 +194,21 @@ def test_a_control_that_failed_as_expected_is_not_red(tmp_path: Path) -> None:
     assert overview.count('<span class="badge met">FAIL</span>') == 2
 
 
+def test_a_control_that_passed_is_not_green(tmp_path: Path) -> None:
+    """As in the terminal's table: this campaign cannot fail."""
+    folder = write_campaign(tmp_path / "gate")
+    file = folder / "large/sim/1/result.json"
+    document = json.loads(file.read_text("utf-8"))
+    control = {"case": "large", "verdict": "FAIL", "oracle": None, "cause": None, "met": False}
+    file.write_text(json.dumps({**document, "required": False, "control": control}), "utf-8")
+    text = write_report(folder).path.read_text("utf-8")
+    run = text[text.index('id="run-large-sim-1"') :]
+    assert '<span class="badge unmet">PASS</span>' in run.split("</header>")[0]
+    overview = text[: text.index("<article")]
+    assert '<span class="badge PASS">' not in overview
+    assert overview.count('<span class="badge unmet">PASS</span>') == 3
+
+
 def test_no_card_is_empty(page: str) -> None:
     for card in ("why", "what", "then", "saw"):
         found = re.findall(rf'<(section|div) class="{card}">\s*(.{{0,14}})', page)

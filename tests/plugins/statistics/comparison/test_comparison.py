@@ -14,6 +14,7 @@ from tests.orchestrator.reading.flown_campaign import (
     write_control,
     write_flown,
     write_searched,
+    write_summary_anew,
 )
 from tests.orchestrator.run_results.test_flown_firmware import BOARD
 from wil_campaign.orchestrator.cli import main
@@ -271,6 +272,24 @@ def test_the_page_shows_intervals_changed_settings_and_links(tmp_path: Path) -> 
     assert main(["compare", str(old), str(bad), "--page", str(missing)]) == 3
 
 
+def test_a_comment_says_that_a_comparison_proves_nothing_and_why(
+    tmp_path: Path, capsys: Capture
+) -> None:
+    """Its heading was "nothing became worse", and the reasons were on standard error alone."""
+    flown = flights("a", "wil", "PPP", TEN[:3])
+    old = write_flown(tmp_path / "old", flown, with_motion=False)
+    new = write_flown(tmp_path / "new", flown, with_motion=False, stopped="signal")
+    page = tmp_path / "compare.html"
+    assert main(["compare", str(old), str(new), "--markdown", "--page", str(page)]) == 3
+    comment = capsys.readouterr().out
+    assert comment.startswith("### this comparison proves nothing; nothing became worse")
+    assert "new: stopped by Ctrl-C or SIGTERM" in comment
+    assert "this comparison proves nothing; nothing became worse" in page.read_text()
+    assert "stopped by Ctrl-C or SIGTERM" in page.read_text()
+    assert main(["compare", str(old), str(old), "--markdown"]) == 0
+    assert "proves nothing" not in capsys.readouterr().out
+
+
 def test_a_case_that_is_not_flown_any_more_is_no_good_comparison(
     tmp_path: Path, capsys: Capture
 ) -> None:
@@ -306,6 +325,7 @@ def test_an_oracle_that_is_gone_is_no_good_comparison(
         else:
             document["oracles"][0]["required"] = False
         path.write_text(json.dumps(document))
+    write_summary_anew(new)
     assert main(["compare", str(old), str(new)]) == 3
     assert said in capsys.readouterr().out
     assert main(["compare", str(old), str(new), "--removed"]) == 0

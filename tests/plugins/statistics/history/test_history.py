@@ -16,6 +16,7 @@ from tests.orchestrator.reading.flown_campaign import (
     write_control,
     write_flown,
     write_searched,
+    write_summary_anew,
 )
 from tests.orchestrator.report.rendering.test_overview import CLEAR, FAST, judged
 from tests.orchestrator.run_results.test_flown_firmware import BOARD
@@ -285,10 +286,12 @@ def test_nothing_to_show_and_damaged_folders(tmp_path: Path, capsys: Capture) ->
     folder = flown(tmp_path, 1, "PP")
     (folder / "a/wil/2/result.json").write_text("{")
     (folder / "summary.json").unlink()
-    assert main(["history", str(tmp_path / "results")]) == 3
+    page = tmp_path / "page.html"
+    assert main(["history", str(tmp_path / "results"), "--page", str(page)]) == 3
     outcome = capsys.readouterr()
     assert "1/1" in outcome.out
     assert "a/wil/2: result.json is truncated" in outcome.err
+    assert "a/wil/2: result.json is truncated" in page.read_text()
 
 
 def test_an_interval_is_of_proven_flights_only(tmp_path: Path, capsys: Capture) -> None:
@@ -296,6 +299,7 @@ def test_an_interval_is_of_proven_flights_only(tmp_path: Path, capsys: Capture) 
     page = tmp_path / "page.html"
     assert main(["history", str(tmp_path / "results"), "--page", str(page)]) == 0
     assert "0/0 +2 unproven  -" in capsys.readouterr().out
+    assert "0/0 <small>+2 unproven</small>" in page.read_text()
     assert "equal runs" not in page.read_text()
 
 
@@ -332,11 +336,13 @@ def test_the_seconds_of_a_flight_that_came_near_nothing_are_no_metres(
     for rep, clear in ((1, CLEAR), (2, far), (3, far)):
         result = replace(judged(clear, in_time), verdict="PASS", rep=rep, seed=100 + rep)
         (folder / f"a/wil/{rep}/result.json").write_text(to_json(result))
+    write_summary_anew(folder)
     (row,) = shown(capsys, folder)["rows"]
     assert row["margin"] == 0.4
     for rep in (1, 2, 3):
         result = replace(judged(far, in_time), verdict="PASS", rep=rep, seed=100 + rep)
         (folder / f"a/wil/{rep}/result.json").write_text(to_json(result))
+    write_summary_anew(folder)
     (row,) = shown(capsys, folder)["rows"]
     assert row["margin"] == 9.0
 
