@@ -16,7 +16,7 @@ from wil_campaign.safety.oracles.late_tracks import LateTracks
 from wil_campaign.safety.oracles.oracle import MotionName, OracleContext, StageTracker, WorldProbe
 from wil_campaign.safety.oracles.pair import extrapolated_ned_m
 from wil_campaign.vehicles.driver.vehicle_state import ReportName
-from wil_campaign.worlds.frames import heading_of, norm, subtract
+from wil_campaign.worlds.frames import Vec3, heading_of, norm, subtract
 
 _FARTHEST_M = 1e5
 """The clearance where no object is near."""
@@ -210,14 +210,24 @@ def _estimate_error(
 
 
 class FenceMarginSignal:
-    """The STL signal of the distance to the fence that applies now."""
+    """The STL signal of the distance to the fence that applies now.
+
+    Where the way from the last pose inside to this one led outside, the worst of the way.
+    """
 
     def __init__(self, fence: Fence) -> None:
         self.fence = fence
+        self._last: tuple[Fence, Vec3] | None = None
 
     def __call__(self, sample: PoseSample) -> float:
         """Return the fence margin of a pose as a signal value."""
-        return self.fence.margin_m(sample.pose.position_ned_m)
+        here, last = sample.pose.position_ned_m, self._last
+        self._last = (self.fence, here)
+        if last is not None and last[0] is self.fence:
+            outside = self.fence.outside_between(last[1], here)
+            if outside is not None:
+                return outside[1]
+        return self.fence.margin_m(here)
 
 
 class _Distance:

@@ -1,6 +1,5 @@
 """Oracles of where the vehicle may be: geofence, an area of the campaign, altitude."""
 
-import math
 from collections.abc import Iterator, Mapping
 from typing import Annotated, Self
 
@@ -70,7 +69,7 @@ class GeofenceOracle(LimitOracle):
         self._low_fence = fence.without_floor()
         self._what = what
         self._changes = changes
-        self._last: tuple[Fence, PoseSample, float] | None = None
+        self._last: tuple[Fence, PoseSample] | None = None
 
     def on_fence(self, sample: FenceSample) -> Flags:
         """Take the vehicle's changed fence as the area to keep."""
@@ -85,21 +84,19 @@ class GeofenceOracle(LimitOracle):
         if not self.stages.covers(sample.t_s) or fence is None:
             self._last = None
             return NO_FLAGS
+        flags = self._judge_way(fence, sample)
+        self._last = (fence, sample)
         position_ned_m = sample.pose.position_ned_m
         margin_m = fence.margin_m(position_ned_m)
-        flags = self._judge_between(fence, sample, margin_m)
-        self._last = (fence, sample, margin_m)
         return flags + self._judge_place(fence, sample.t_s, position_ned_m, margin_m)
 
-    def _judge_between(self, fence: Fence, sample: PoseSample, margin_m: float) -> Flags:
-        """Judge the way from the last pose, where that was inside the same fence."""
+    def _judge_way(self, fence: Fence, sample: PoseSample) -> Flags:
+        """Judge the way from the last pose, where the same fence applied."""
         if self._last is None or self._last[0] is not fence:
             return NO_FLAGS
-        _, last, last_m = self._last
+        last = self._last[1]
         start, end = last.pose.position_ned_m, sample.pose.position_ned_m
-        if min(last_m, margin_m) < 0.0 or last_m + margin_m >= math.dist(start, end):
-            return NO_FLAGS  # Nearly always: the way is shorter than the distance to any boundary.
-        outside = fence.worst_outside(start, end)
+        outside = fence.outside_between(start, end)
         if outside is None:
             return NO_FLAGS
         share, worst_m = outside
