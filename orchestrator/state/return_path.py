@@ -18,6 +18,8 @@ from wil_campaign.worlds.frames import Pose, Vec3, norm, subtract
 
 CLEAR_M = 0.5
 """Clearance around a vehicle on its return path, which avoids no obstacles."""
+_STANDS_M = CLEAR_M + 0.1
+"""From so far above its place its climb is checked: what it stands on is no obstacle."""
 _STEP_M = 0.1
 _UNSETTLED = frozenset({"ABORTED", "ERROR"})
 """Verdicts after which nobody knows how a vehicle was left."""
@@ -134,11 +136,19 @@ def why_path_blocked(
         for point in _points(path):
             if fence.margin_m(point) < keep_m:
                 return f"the path leaves the fence at its {fence.boundary(point)}"
-    _, above, over, _ = path.points
-    yaw_rad = path.start.yaw_rad
-    poses = [Pose.of(n, e, -d, yaw_rad=yaw_rad) for n, e, d in (above, over)]
-    near = probe.sweep(poses[0], 0.0, poses[1], 1.0)
-    return f"{near[0].object_name} is nearer than {CLEAR_M:g} m to the path" if near else ""
+    stand, above, over, start = path.points
+    legs = (_raised(stand, above), above), (above, over), (over, _raised(start, over))
+    for leg in legs:
+        begin, end = (Pose.of(n, e, -d, yaw_rad=path.start.yaw_rad) for n, e, d in leg)
+        if near := probe.sweep(begin, 0.0, end, 1.0):
+            return f"{near[0].object_name} is nearer than {CLEAR_M:g} m to the path"
+    return ""
+
+
+def _raised(place: Vec3, high: Vec3) -> Vec3:
+    """Return a place of standing raised towards a return path, away from what is beneath it."""
+    north_m, east_m, down_m = place
+    return (north_m, east_m, max(high[2], down_m - _STANDS_M))
 
 
 def offset_from_start_text(stand: StandingPose | None, start: Pose) -> tuple[float, float] | None:

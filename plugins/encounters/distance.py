@@ -7,6 +7,7 @@ from pydantic import Field
 
 from wil_campaign.foundation.files.documents import closest_word
 from wil_campaign.safety.model.samples import PoseSample
+from wil_campaign.safety.oracles.late_tracks import LateTracks
 from wil_campaign.safety.oracles.limit_oracle import (
     BandParameters,
     LimitOracle,
@@ -55,12 +56,21 @@ class DistanceOracle(LimitOracle):
         self._min_m = min_m
         self._max_m = max_m
         self._last: PoseSample | None = None
+        self._late = LateTracks(events)
 
     def on_pose(self, sample: PoseSample) -> Flags:
         """Judge a pose; each time the distance leaves its limits is a flag."""
         last, self._last = self._last or sample, sample
+        flags = NO_FLAGS
+        for name, first, then in self._late.due():
+            if name == self._thing:
+                flags += self._judge(first, then)
         if not self.stages.covers(sample.t_s):
-            return NO_FLAGS
+            return flags
+        self._late.add(last, sample)
+        return flags + self._judge(last, sample)
+
+    def _judge(self, last: PoseSample, sample: PoseSample) -> Flags:
         judged: list[tuple[float, float, float]] = []
         if self._min_m is not None:
             at_s, near_m = self._nearest(last, sample)

@@ -12,10 +12,11 @@ from wil_campaign.safety.model import signals
 from wil_campaign.safety.model.samples import PoseSample, ReferenceSample, StateSample
 from wil_campaign.safety.oracles.autopilot_health import ModeName
 from wil_campaign.safety.oracles.contact import ContactLimits
+from wil_campaign.safety.oracles.late_tracks import LateTracks
 from wil_campaign.safety.oracles.oracle import MotionName, OracleContext, StageTracker, WorldProbe
 from wil_campaign.safety.oracles.pair import extrapolated_ned_m
 from wil_campaign.vehicles.driver.vehicle_state import ReportName
-from wil_campaign.worlds.frames import heading_of, norm, subtract
+from wil_campaign.worlds.frames import Vec3, heading_of, norm, subtract
 
 _FARTHEST_M = 1e5
 """The clearance where no object is near."""
@@ -209,50 +210,73 @@ def _estimate_error(
 
 
 class FenceMarginSignal:
-    """The STL signal of the distance to the fence that applies now."""
+    """The STL signal of the distance to the fence that applies now.
+
+    Where the way from the last pose inside to this one led outside, the worst of the way.
+    """
 
     def __init__(self, fence: Fence) -> None:
         self.fence = fence
+        self._last: tuple[Fence, Vec3] | None = None
 
     def __call__(self, sample: PoseSample) -> float:
         """Return the fence margin of a pose as a signal value."""
-        return self.fence.margin_m(sample.pose.position_ned_m)
+        here, last = sample.pose.position_ned_m, self._last
+        self._last = (self.fence, here)
+        if last is not None and last[0] is self.fence:
+            outside = self.fence.outside_between(last[1], here)
+            if outside is not None:
+                return outside[1]
+        return self.fence.margin_m(here)
 
 
 class _Distance:
-    """The STL signal of the distance to one object at each pose."""
+    """The STL signal of the distance to one object at each pose, and at those judged too early."""
 
     def __init__(
         self, thing: str, probe_of: Callable[[str], WorldProbe], events: Mapping[str, float]
     ) -> None:
         self._thing, self._probe_of, self._events = thing, probe_of, events
         self._probe: WorldProbe | None = None
+        self._late = LateTracks(events)
 
     def __call__(self, sample: PoseSample) -> float:
         if self._probe is None:
             self._probe = self._probe_of(self._thing)
-        swept = self._probe.sweep(sample.pose, sample.t_s, sample.pose, sample.t_s, self._events)
-        return max(0.0, min(each.clearance_m for each in swept))
+        late = [then for name, _, then in self._late.due() if name == self._thing]
+        self._late.add(sample, sample)
+        distances = (
+            each.clearance_m
+            for one in (*late, sample)
+            for each in self._probe.sweep(one.pose, one.t_s, one.pose, one.t_s, self._events)
+        )
+        return max(0.0, min(distances))
 
 
 class _Nearest:
-    """The STL signal of the least clearance to any object since the last pose."""
+    """The STL signal of the least clearance to any object since the last pose.
+
+    It has that of stretches that were judged too early as well, once it is known.
+    """
 
     def __init__(self, context: OracleContext, stages: StageTracker) -> None:
         self._context, self._stages = context, stages
-        self._probes: tuple[WorldProbe, ...] = ()
+        self._probes: dict[str, WorldProbe] = {}
         self._last: PoseSample | None = None
+        self._late = LateTracks(context.events)
 
     def __call__(self, sample: PoseSample) -> float:
         context = self._context
         if not self._probes and context.probe_of is not None:
-            self._probes = tuple(context.probe_of(thing) for thing in context.things)
+            self._probes = {thing: context.probe_of(thing) for thing in context.things}
         last, self._last = self._last or sample, sample
+        late = [(self._probes[one.name], *one[1:]) for one in self._late.due()]
+        self._late.add(last, sample)
         limits = ContactLimits()
         limits.below_m, limits.floors_ignored = _FARTHEST_M, self._stages.near_ground_at(sample.t_s)
-        for probe in self._probes:
+        for probe, first, then in (*late, *((one, last, sample) for one in self._probes.values())):
             swept = probe.sweep(
-                last.pose, last.t_s, sample.pose, sample.t_s, context.events, below_m=limits
+                first.pose, first.t_s, then.pose, then.t_s, context.events, below_m=limits
             )
             limits.below_m = min([limits.below_m, *(each.clearance_m for each in swept)])
         return max(0.0, limits.below_m)

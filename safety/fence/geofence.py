@@ -6,6 +6,7 @@ All positions are NED metres in the world's local frame. Independent of the auto
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
+from operator import itemgetter
 from typing import Self
 
 import shapely
@@ -36,6 +37,8 @@ _MOST_STEPS = 5_000
 less than a centimetre away, or belongs to a velocity that no vehicle has."""
 MOST_CORNERS = 1000
 """Of a fence for the guard; neither autopilot takes as many."""
+_TOUCH_M = 1e-3
+"""A path between two points inside that leads less far outside is not said to leave the fence."""
 _ROUNDING_M = 1e-6
 _NUDGE_M = 1e-4
 _COMPASS = (
@@ -132,6 +135,28 @@ class Fence:
         if flat_m < 0.0 and high_m < 0.0:
             return -math.hypot(flat_m, high_m)
         return min(flat_m, high_m)
+
+    def outside_between(self, start: Vec3, end: Vec3) -> tuple[float, float] | None:
+        """Return how far along a straight path it is farthest outside: share and signed distance.
+
+        None where it leads nowhere outside by more than 1 mm, and where an end is outside itself.
+        The distance changes by no more than the way: no thin exclusion is jumped over.
+        """
+        length_m = math.dist(start, end)
+        ends = (0.0, self.margin_m(start)), (1.0, self.margin_m(end))
+        worst, waiting = min(ends, key=itemgetter(1)), [ends]
+        if worst[1] < 0.0:
+            return None
+        while waiting:
+            (a, margin_a_m), (b, margin_b_m) = waiting.pop()
+            least_m = (margin_a_m + margin_b_m - (b - a) * length_m) / 2.0
+            if least_m >= min(0.0, worst[1]) - _TOUCH_M:
+                continue
+            share = (a + b) / 2.0
+            middle = share, self.margin_m(lerp(start, end, share))
+            worst = min(worst, middle, key=itemgetter(1))
+            waiting += [(middle, (b, margin_b_m)), ((a, margin_a_m), middle)]
+        return worst if worst[1] < 0.0 else None
 
     def breached(
         self,

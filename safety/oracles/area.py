@@ -29,6 +29,7 @@ from wil_campaign.safety.oracles.oracle import (
     Windowed,
     oracle,
 )
+from wil_campaign.worlds.frames import Vec3, lerp
 
 
 class AltitudeParameters(BandParameters):
@@ -57,6 +58,7 @@ class GeofenceOracle(LimitOracle):
 
     actual: the smallest signed distance to the boundary, positive inside; limit 0. The oracle
     judges where the vehicle was; whether it could still have stopped is judged by the guard.
+    Between two poses inside it flew straight, and may have been outside: in a thin exclusion.
     """
 
     def __init__(
@@ -67,6 +69,7 @@ class GeofenceOracle(LimitOracle):
         self._low_fence = fence.without_floor()
         self._what = what
         self._changes = changes
+        self._last: tuple[Fence, PoseSample] | None = None
 
     def on_fence(self, sample: FenceSample) -> Flags:
         """Take the vehicle's changed fence as the area to keep."""
@@ -79,11 +82,32 @@ class GeofenceOracle(LimitOracle):
         """Judge a pose; each time the vehicle leaves the fence's area is a flag."""
         fence = self._low_fence if self.stages.near_ground_at(sample.t_s) else self._fence
         if not self.stages.covers(sample.t_s) or fence is None:
+            self._last = None
             return NO_FLAGS
+        flags = self._judge_way(fence, sample)
+        self._last = (fence, sample)
         position_ned_m = sample.pose.position_ned_m
         margin_m = fence.margin_m(position_ned_m)
+        return flags + self._judge_place(fence, sample.t_s, position_ned_m, margin_m)
+
+    def _judge_way(self, fence: Fence, sample: PoseSample) -> Flags:
+        """Judge the way from the last pose, where the same fence applied."""
+        if self._last is None or self._last[0] is not fence:
+            return NO_FLAGS
+        last = self._last[1]
+        start, end = last.pose.position_ned_m, sample.pose.position_ned_m
+        outside = fence.outside_between(start, end)
+        if outside is None:
+            return NO_FLAGS
+        share, worst_m = outside
+        at_s = last.t_s + (sample.t_s - last.t_s) * share
+        return self._judge_place(fence, at_s, lerp(start, end, share), worst_m)
+
+    def _judge_place(
+        self, fence: Fence, t_s: float, position_ned_m: Vec3, margin_m: float
+    ) -> Flags:
         return self.judge_margin(
-            sample.t_s,
+            t_s,
             margin_m,
             margin_m,
             lambda: f"{self.vehicle} left {self._what} by its {fence.boundary(position_ned_m)}",

@@ -9,6 +9,7 @@ from pydantic import Field
 
 from wil_campaign.safety.model.oracle_results import OracleResult
 from wil_campaign.safety.model.samples import PoseSample, StateSample
+from wil_campaign.safety.oracles.late_tracks import LateTracks
 from wil_campaign.safety.oracles.limit_oracle import band_limits
 from wil_campaign.safety.oracles.oracle import (
     NO_FLAGS,
@@ -54,16 +55,21 @@ def touched_part_name(separation: ObjectSeparation) -> str:
 
 
 class ContactLimits(Mapping[tuple[str, bool], float]):
-    """The clearance or contact limit of each object, by name and whether it is a floor."""
+    """The clearance or contact limit of each object, by name and whether it is a floor.
+
+    only: the one object that is judged; None: all that are not ignored.
+    """
 
     def __init__(self) -> None:
         self.below_m = math.inf
         self.ignored: frozenset[str] = frozenset()
+        self.only: str | None = None
         self.floors_ignored = True
 
     def __getitem__(self, key: tuple[str, bool]) -> float:
         name, is_floor = key
         ignored = name in self.ignored or (is_floor and self.floors_ignored)
+        ignored = ignored or self.only not in {None, name}
         return 0.0 if ignored else self.below_m
 
     def __iter__(self) -> Iterator[tuple[str, bool]]:
@@ -108,14 +114,24 @@ class ClearanceOracle(Oracle):
         self._below_s: float | None = None
         self._near: set[tuple[str, bool]] = set()
         self._limits = ContactLimits()
+        self._late = LateTracks(context.events)
 
     def on_pose(self, sample: PoseSample) -> Flags:
         """Sweep from the last pose to this one for contact."""
         last, self._last = self._last or sample, sample
+        flags = NO_FLAGS
+        for name, first, then in self._late.due():
+            flags += self._sweep(first, then, only=name)
         if not self.stages.covers(sample.t_s):
-            return NO_FLAGS
+            return flags
         self._seen = True
+        self._late.add(last, sample)
+        return flags + self._sweep(last, sample)
+
+    def _sweep(self, last: PoseSample, sample: PoseSample, *, only: str | None = None) -> Flags:
+        """Judge the stretch between two poses; only: against one object alone."""
         near_ground = self.stages.near_ground_at(sample.t_s)
+        self._limits.only = only
         self._limits.floors_ignored = near_ground
         self._limits.ignored = self._ground if near_ground else self._exclude
         # Only objects nearer than ever, or near the limit, are of interest.
@@ -124,9 +140,6 @@ class ClearanceOracle(Oracle):
         swept = self._probe.sweep(
             last.pose, last.t_s, sample.pose, sample.t_s, self._events, below_m=self._limits
         )
-        if not swept:
-            self._near.clear()
-            return NO_FLAGS
         return self._judge(swept)
 
     def result(self, t_s: float) -> OracleResult:
@@ -164,7 +177,8 @@ class ClearanceOracle(Oracle):
     def _judge(self, swept: tuple[ObjectSeparation, ...]) -> Flags:
         """Return flags of new contacts and clearances below the limit."""
         flags: Flags = NO_FLAGS
-        still_near: set[tuple[str, bool]] = set()
+        only = self._limits.only
+        still_near = {key for key in self._near if only not in {None, key[0]}}
         for separation in swept:
             key = (separation.object_name, separation.is_floor)
             if self._limits[key] == 0.0:

@@ -23,6 +23,8 @@ _NEAR_M = 0.15
 while the vehicle stands, and less than autopilots brake on."""
 _OVER_S = 0.1
 """A sink rate is a mean over this time at least: 1 mm of noise is 1.4 cm/s then."""
+_SPARSE_S = 0.15
+"""The mean over a longer step to the ground says little: it stood there for a part of it."""
 
 
 class TouchdownParameters(OracleParameters):
@@ -94,7 +96,10 @@ class TouchdownOracle(Oracle):
         )
 
     def _sink_rates(self) -> list[tuple[float, float]]:
-        """Return the mean sink rates near the ground, each with its time."""
+        """Return the mean sink rates near the ground, each with its time.
+
+        Where poses are sparse, the last one above counts: it is taken to sink on as it did.
+        """
         near_m = self._downs[-1][1] - _NEAR_M if self._downs else 0.0
         rates: list[tuple[float, float]] = []
         first = 0
@@ -102,7 +107,9 @@ class TouchdownOracle(Oracle):
             while first + 1 < index and self._downs[first + 1][0] <= t_s - _OVER_S:
                 first += 1
             from_s, from_m = self._downs[first]
-            if down_m >= near_m and t_s - from_s >= _OVER_S:
+            next_s, next_m = self._downs[min(index + 1, len(self._downs) - 1)]
+            is_near = down_m >= near_m or (next_m >= near_m and next_s - t_s > _SPARSE_S)
+            if is_near and t_s - from_s >= _OVER_S:
                 rates.append(((down_m - from_m) / (t_s - from_s), t_s))
         return rates
 

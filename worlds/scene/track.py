@@ -73,7 +73,7 @@ class ObjectTrack:
         travel = self.travel(from_s, to_s)
         if travel.turn_rad > _STILL_RAD:
             return False
-        return travel.length_m < _STILL_M or not any(self._corners_s(from_s, to_s))
+        return travel.length_m < _STILL_M or not self._corners_s(from_s, to_s)
 
     def _corners_s(self, from_s: float, to_s: float) -> Sequence[float]:
         """Return the times strictly between two at which the track may change its velocity."""

@@ -57,6 +57,14 @@ objects:
     shape: {box: {size_m: [0.4, 0.4, 3]}}
     pose: {north_m: 3, east_m: 4, up_m: 1.5}
     exists_in: {real: W}
+  shelf:
+    shape: {box: {size_m: [1, 1, 0.1]}}
+    pose: {north_m: -3, east_m: -3, up_m: 0.7}
+    exists_in: {real: W}
+  block:
+    shape: {box: {size_m: [1, 1, 0.2]}}
+    pose: {north_m: 3, east_m: -3, up_m: 0.1}
+    exists_in: {real: W}
 """
 START = Pose.of(1.0, -1.0, 0.0, yaw_rad=math.radians(30.0))
 ATTACHED = "udpin://127.0.0.1:14555"
@@ -205,6 +213,11 @@ def test_the_end_of_a_run_decides_whether_it_flies_back(
         (way(STOOD, Pose.of(9.0, 0.0, 0.0)), "the path leaves the fence at its north side"),
         (way(Pose.of(3.0, 5.5, 0.0)), "pillar is nearer than 0.5 m to the path"),
         (way(Pose.of(3.0, 5.5, 0.0), altitude_m=3.9), ""),
+        (way(Pose.of(-3.0, -3.0, 0.0), altitude_m=2.2), "shelf is nearer than 0.5 m to the path"),
+        (way(STOOD, Pose.of(-3.0, -3.2, 0.0), 2.2), "shelf is nearer than 0.5 m to the path"),
+        (way(Pose.of(3.0, -3.0, 0.2)), ""),
+        (way(STOOD, Pose.of(3.0, -3.0, 0.2)), ""),
+        (way(Pose.of(3.0, -3.0, 0.2), altitude_m=0.75), ""),
     ],
 )
 def test_a_blocked_way_back_is_refused_with_the_reason(back: ReturnPath, why: str) -> None:

@@ -9,7 +9,7 @@ import pytest
 from tests.safety.oracles.oracle_rigs import FENCE, SCENE, build, pose, stage
 from wil_campaign.plugins.stl.stl_oracle import StlOracle
 from wil_campaign.plugins.stl.stl_signals import signal_docs, signals_of
-from wil_campaign.safety.fence.geofence import Fence
+from wil_campaign.safety.fence.geofence import Circle, Fence
 from wil_campaign.safety.model.oracle_results import Flag, OracleResult
 from wil_campaign.safety.model.samples import (
     FenceSample,
@@ -78,6 +78,17 @@ def test_the_margin_of_a_fence_follows_the_fence_of_the_own_vehicle_alone() -> N
     )
     judge.on_pose(pose(5.0, (3.375, 0, -1)))
     assert judge.result(9.0).margin == 0.125
+
+
+def test_the_margin_of_a_fence_is_that_of_the_way_where_it_led_outside() -> None:
+    judge = stl("always (fence_margin_m >= 0)")
+    stage(judge, takeoff=1.0, at_height=2.0, goal=3.0)
+    fence = Fence(exclusions=[Circle((2.0, 0.0), 0.25)], floor_up_m=0.0, ceiling_up_m=9.0)
+    judge.on_fence(FenceSample(3.0, "real", fence))
+    judge.on_pose(pose(3.1, (1.5, 0, -1)))
+    judge.on_pose(pose(3.2, (2.5, 0, -1)))
+    result = judge.result(9.0)
+    assert (result.verdict, result.margin, result.at_s) == ("FAIL", -0.25, 3.2)
 
 
 def compared(judge: Oracle, source: str, north_m: float, yaw_rad: float = 0.0) -> None:

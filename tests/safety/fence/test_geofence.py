@@ -1,3 +1,4 @@
+import itertools
 import math
 import time
 from collections.abc import Callable
@@ -173,6 +174,23 @@ def test_a_thin_exclusion_is_not_jumped_over() -> None:
         fence.breached(VehicleMotion((0, 0, -1), (0, 10.0, 0)), latency_s=0.2, braking_m_s2=5)
         is None
     )
+
+
+@given(fences(), st.lists(point, min_size=2, max_size=12))
+def test_a_way_outside_is_what_a_fine_search_of_it_finds(fence: Fence, points: list[Vec3]) -> None:
+    for start, end in itertools.pairwise(points):
+        found = fence.outside_between(start, end)
+        if min(fence.margin_m(start), fence.margin_m(end)) < 0.0:
+            assert found is None
+            continue
+        searched_m = min(fence.margin_m(lerp(start, end, step / 400)) for step in range(401))
+        if found is None:
+            assert searched_m >= -1e-3
+        else:
+            share, margin_m = found
+            assert margin_m < 0.0
+            assert margin_m <= searched_m + 1e-3
+            assert fence.margin_m(lerp(start, end, share)) == pytest.approx(margin_m)
 
 
 def test_a_predicted_breach_tells_the_distance_of_the_boundary_that_it_names() -> None:

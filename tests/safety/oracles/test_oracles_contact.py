@@ -20,8 +20,10 @@ from wil_campaign.safety.oracles.contact import CLEAR_AGAIN_M, exceeded_margin_m
 from wil_campaign.safety.oracles.oracle import Oracle, OracleContext
 from wil_campaign.worlds.clearance.clearance import BoxShape, Clearance, ClearanceProbe
 from wil_campaign.worlds.frames import Pose
+from wil_campaign.worlds.scene.motion import ObjectMotion, Waypoint
 from wil_campaign.worlds.scene.scene import Scene, SceneObject
-from wil_campaign.worlds.scene.shapes import gate_shape, room_shape
+from wil_campaign.worlds.scene.shapes import box_shape, gate_shape, room_shape
+from wil_campaign.worlds.scene.track import RunHistory
 
 
 def test_contact_is_flagged_once_per_episode_and_named() -> None:
@@ -342,3 +344,74 @@ def test_a_clearance_below_its_limit_says_the_limit_and_the_worst_value() -> Non
     text = "real came within 0.59998 m of box; the limit is 0.6 m"
     assert [flag.text for flag in flags] == [text]
     assert judge.worst_text == "at worst 0.200 m"
+
+
+# An object that a vehicle flies, whose poses come late
+
+
+def passed_by(kind: str, *, silent: range, late: int = 0, **parameters: object) -> Oracle:
+    """Judge a vehicle that hovers at 1 m while a drone flies through its place at 5 m/s at 0.5 s.
+
+    Both have a pose in each 20 ms; the drone's come `late` of them later, and not those `silent`.
+    """
+    start = Pose((0.0, -2.5, -1.0))
+    motion = ObjectMotion(start, (Waypoint((0.0, 2.5, -1.0), 5.0),))
+    scene = Scene((SceneObject(1, "drone", box_shape((0.2, 0.2, 0.1)), start, motion),))
+    body, history = BoxShape((0.15, 0.15, 0.05)), RunHistory()
+    context = OracleContext(
+        mode="sim",
+        subject="real",
+        vehicle="real",
+        probe=ClearanceProbe(scene, body),
+        probe_of=lambda _: ClearanceProbe(scene, body, within_m=1e6),
+        things=("drone",),
+        events=history,
+    )
+    judge = build(kind, context=context, **parameters)
+    stage(judge, takeoff=-0.3, at_height=-0.2, goal=-0.1)
+    for step in range(60):
+        if (sent := step - late) >= 0 and sent not in silent:
+            t_s = sent / 50
+            history.add_pose("drone", t_s, motion.pose_at(t_s, {}), (0.0, 5.0, 0.0))
+        judge.on_pose(pose(step / 50))
+    return judge
+
+
+_FORMULAS = ("always (clearance_m > 0.1)", "always (distance_drone_m > 0.1)")
+
+
+@pytest.mark.parametrize(
+    ("kind", "parameters"),
+    [
+        ("collision", {}),
+        ("distance", {"object": "drone", "min_m": 0.1}),
+        *(("stl", {"stl": formula}) for formula in _FORMULAS),
+    ],
+)
+@pytest.mark.parametrize(("silent", "late"), [((17, 35), 0), ((0, 0), 12), ((17, 35), 12)])
+def test_a_drone_is_touched_while_its_poses_are_missing_or_late(
+    kind: str, parameters: dict[str, object], silent: tuple[int, int], late: int
+) -> None:
+    # At 0.34 s it is 0.8 m away, and taken to rest 0.3 m away from 0.44 s on.
+    result = passed_by(kind, silent=range(*silent), late=late, **parameters).result(9.0)
+    assert (result.verdict, result.actual) == ("FAIL", 0.0)
+    # A formula has values at poses: this one at the next after it is known.
+    assert result.at_s == pytest.approx(0.5, abs=0.5 if kind == "stl" else 0.08)
+
+
+def test_what_is_judged_again_is_one_contact_with_the_late_object_alone() -> None:
+    near = {0.3: [("drone", "", 0.0), ("wall", "", 0.0)], 0.6: [("drone", "", 0.0)]}
+    near[0.4] = [("drone", "", 0.0), ("wall", "", 0.0)]
+    probe, history = ScriptedProbe(near), RunHistory()
+    context = OracleContext(mode="sim", subject="real", vehicle="real", probe=probe, events=history)
+    judge = build("collision", context=context)
+    stage(judge, takeoff=0.0)
+    history.add_pose("drone", 0.1, Pose((0, 0, -1)), (0, 0, 0))
+    flags = [flag for t_s in (0.1, 0.2, 0.3, 0.4, 0.5) for flag in judge.on_pose(pose(t_s))]
+    assert [flag.text for flag in flags] == ["real touched drone", "real touched wall"]
+    probe.script = {0.5: [("drone", "", 0.0), ("wall", "", 0.0)]}
+    history.add_pose("drone", 0.6, Pose((0, 0, -1)), (0, 0, 0))
+    assert [flag.text for flag in judge.on_pose(pose(0.6))] == ["real touched drone"]
+    assert probe.asked[-4:] == [(0.2, 0.3), (0.3, 0.4), (0.4, 0.5), (0.5, 0.6)]
+    assert judge.on_pose(pose(0.7)) == ()
+    assert probe.asked[-1] == (0.6, 0.7)

@@ -4,7 +4,8 @@ from typing import Any
 import pytest
 
 from tests.safety.oracles.oracle_rigs import build, fly, numbers, pose, stage, state
-from wil_campaign.safety.model.samples import LinkSample, PoseSample
+from wil_campaign.safety.fence.geofence import Circle, Fence, Polygon
+from wil_campaign.safety.model.samples import FenceSample, LinkSample, PoseSample
 from wil_campaign.safety.oracles.limit_oracle import LimitOracle
 from wil_campaign.safety.oracles.oracle import Oracle, OracleContext, OracleError, OracleTerms
 from wil_campaign.worlds.frames import Pose, Vec3
@@ -31,6 +32,47 @@ def test_geofence_has_no_floor_near_the_ground() -> None:
     stage(judge, land=5.0)
     assert fly(judge, (0, 0, 9), start_s=5.0) == []
     assert judge.result(9.0).at_s == 3.0
+
+
+def test_geofence_is_left_between_two_poses_inside() -> None:
+    fence = Fence(
+        inclusions=[Polygon(((-1, -2), (9, -2), (9, 2), (-1, 2)))],
+        exclusions=[Circle((2.5, 0.0), 0.2)],
+        floor_up_m=0.0,
+        ceiling_up_m=3.0,
+    )
+    judge = build(
+        "geofence",
+        context=OracleContext(mode="sim", subject="real", vehicle="real", fence=fence),
+    )
+    stage(judge, takeoff=1.0, at_height=2.0)
+    # 5 m/s at 10 Hz: half a metre from pose to pose, across an exclusion of 0.4 m.
+    flags = [
+        flag
+        for count in range(5)
+        for flag in judge.on_pose(pose(2.0 + count / 10, (1.75 + count / 2, 0.05, -1)))
+    ]
+    assert [flag.text for flag in flags] == ["real left the fence by its exclusion"]
+    result = judge.result(9.0)
+    assert result.verdict == "FAIL"
+    assert result.actual == pytest.approx(-0.15, abs=1e-3)
+    assert result.at_s == pytest.approx(2.15, abs=0.01)
+
+
+def test_geofence_judges_no_way_that_another_fence_or_no_window_was_over() -> None:
+    def across(north_m: float) -> Fence:
+        circle = Circle((north_m, 0.0), 0.2)
+        return Fence(exclusions=[circle], floor_up_m=0.0, ceiling_up_m=3.0)
+
+    context = OracleContext(mode="sim", subject="real", vehicle="real", fence=across(-5.0))
+    judge = build("geofence", context=context)
+    stage(judge, at_height=0.5)
+    judge.on_pose(pose(0.8, (-6.0, 0.0, -1)))
+    stage(judge, takeoff=1.0)
+    assert fly(judge, (0, 0, -1)) == []
+    judge.on_fence(FenceSample(2.5, "real", across(1.0)))
+    assert fly(judge, (2, 0, -1), start_s=3.0) == []
+    assert fly(judge, (0, 0, -1), start_s=4.0) == ["real left the fence by its exclusion"]
 
 
 def test_geofence_needs_a_fence() -> None:

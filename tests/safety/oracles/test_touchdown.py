@@ -1,7 +1,7 @@
 """How fast a vehicle meets the ground, wherever that is and whatever its positions are off by."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 
 import numpy as np
 import pytest
@@ -21,9 +21,13 @@ def landing(
     off_m: Height = lambda _: 0.0,
     noise_m: float = 0.0,
     rate_hz: float = 50.0,
+    lost: Collection[int] = (),
     profile_m_s: float | None = None,
 ) -> OracleResult:
-    """Return the result of a landing from 1 m above the place of rest, which stands for 2 s."""
+    """Return the result of a landing from 1 m above the place of rest, which stands for 2 s.
+
+    lost: poses that are missing, counted from the first on the ground.
+    """
     context = OracleContext(mode="real", subject="real", vehicle="real", touchdown_m_s=profile_m_s)
     judge = build("touchdown", context=context, max_m_s=max_m_s)
     stage(judge, takeoff=0.0, at_height=1.0, land=2.0)
@@ -31,6 +35,8 @@ def landing(
     noise = np.random.default_rng(1).normal(0.0, noise_m, 1000)
     for index in range(round((down_s + 2.0 - 2.0) * rate_hz)):
         t_s = 2.0 + index / rate_hz
+        if index - math.ceil((down_s - 2.0) * rate_hz) in lost:
+            continue
         up_m = rest_m + max(0.0, 1.0 - sink_m_s * (t_s - 2.0)) + off_m(t_s) + noise[index]
         judge.on_pose(pose(t_s, (0, 0, -up_m)))
     stage(judge, landed=down_s + 2.0)
@@ -47,6 +53,15 @@ def test_the_sink_rate_is_judged_wherever_the_ground_is(
     assert (result.verdict, result.limit, result.unit) == (verdict, 1.0, "m/s")
     assert result.actual == pytest.approx(sink_m_s, rel=0.1 if rate_hz > 10 else 0.3)
     assert result.at_s == pytest.approx(2.0 + 1.0 / sink_m_s, abs=0.3)
+
+
+@pytest.mark.parametrize("sink_m_s", [1.5, 1.6, 1.75, 1.9, 2.0, 3.0])
+@pytest.mark.parametrize("lost", [(0,), (-1,), (-1, 0)])
+def test_lost_poses_hide_no_hard_landing(sink_m_s: float, lost: tuple[int, ...]) -> None:
+    result = landing(sink_m_s, rate_hz=10.0, lost=lost)
+    assert result.verdict == "FAIL"
+    assert result.actual == pytest.approx(sink_m_s)
+    assert landing(0.7, rate_hz=10.0, lost=lost).verdict == "PASS"
 
 
 @pytest.mark.parametrize("drift_m_s", [-0.05, 0.05])

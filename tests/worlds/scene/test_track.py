@@ -65,6 +65,10 @@ def test_a_track_is_even_within_a_stretch_and_not_over_a_corner() -> None:
     assert not flown.is_even(0.8, 1.2)
     assert flown.is_even(2.1, 2.9)
     assert not flown.is_even(3.1, 3.2)
+    turns_at_0 = track(
+        (-1.0, Pose.of(0.0, 0.0, 0.0)), (0.0, Pose.of(1.0, 0.0, 0.0)), (1.0, Pose.of(0.0, 0.0, 0.0))
+    )
+    assert not turns_at_0.is_even(-1.0, 1.0)
 
 
 coordinates = st.floats(-5.0, 5.0)
