@@ -217,17 +217,18 @@ class FenceMarginSignal:
 
     def __init__(self, fence: Fence) -> None:
         self.fence = fence
-        self._last: tuple[Fence, Vec3] | None = None
+        self._last: tuple[Fence, Vec3, float] | None = None
 
     def __call__(self, sample: PoseSample) -> float:
         """Return the fence margin of a pose as a signal value."""
         here, last = sample.pose.position_ned_m, self._last
-        self._last = (self.fence, here)
+        margin_m = self.fence.margin_m(here)
+        self._last = (self.fence, here, margin_m)
         if last is not None and last[0] is self.fence:
-            outside = self.fence.outside_between(last[1], here)
+            outside = self.fence.outside_between(last[1], here, (last[2], margin_m))
             if outside is not None:
                 return outside[1]
-        return self.fence.margin_m(here)
+        return margin_m
 
 
 class _Distance:

@@ -136,14 +136,17 @@ class Fence:
             return -math.hypot(flat_m, high_m)
         return min(flat_m, high_m)
 
-    def outside_between(self, start: Vec3, end: Vec3) -> tuple[float, float] | None:
+    def outside_between(
+        self, start: Vec3, end: Vec3, margins_m: tuple[float, float]
+    ) -> tuple[float, float] | None:
         """Return how far along a straight path it is farthest outside: share and signed distance.
 
-        None where it leads nowhere outside by more than 1 mm, and where an end is outside itself.
-        The distance changes by no more than the way: no thin exclusion is jumped over.
+        margins_m: `margin_m` of both ends. None where the path leads nowhere outside by more than
+        1 mm, and where an end is outside itself. The distance changes by no more than the way: no
+        thin exclusion is jumped over.
         """
         length_m = math.dist(start, end)
-        ends = (0.0, self.margin_m(start)), (1.0, self.margin_m(end))
+        ends = (0.0, margins_m[0]), (1.0, margins_m[1])
         worst, waiting = min(ends, key=itemgetter(1)), [ends]
         if worst[1] < 0.0:
             return None

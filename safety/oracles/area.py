@@ -69,7 +69,7 @@ class GeofenceOracle(LimitOracle):
         self._low_fence = fence.without_floor()
         self._what = what
         self._changes = changes
-        self._last: tuple[Fence, PoseSample] | None = None
+        self._last: tuple[Fence, PoseSample, float] | None = None
 
     def on_fence(self, sample: FenceSample) -> Flags:
         """Take the vehicle's changed fence as the area to keep."""
@@ -84,19 +84,19 @@ class GeofenceOracle(LimitOracle):
         if not self.stages.covers(sample.t_s) or fence is None:
             self._last = None
             return NO_FLAGS
-        flags = self._judge_way(fence, sample)
-        self._last = (fence, sample)
         position_ned_m = sample.pose.position_ned_m
         margin_m = fence.margin_m(position_ned_m)
+        flags = self._judge_way(fence, sample, margin_m)
+        self._last = (fence, sample, margin_m)
         return flags + self._judge_place(fence, sample.t_s, position_ned_m, margin_m)
 
-    def _judge_way(self, fence: Fence, sample: PoseSample) -> Flags:
+    def _judge_way(self, fence: Fence, sample: PoseSample, margin_m: float) -> Flags:
         """Judge the way from the last pose, where the same fence applied."""
         if self._last is None or self._last[0] is not fence:
             return NO_FLAGS
-        last = self._last[1]
+        _, last, last_margin_m = self._last
         start, end = last.pose.position_ned_m, sample.pose.position_ned_m
-        outside = fence.outside_between(start, end)
+        outside = fence.outside_between(start, end, (last_margin_m, margin_m))
         if outside is None:
             return NO_FLAGS
         share, worst_m = outside

@@ -179,7 +179,7 @@ def test_a_thin_exclusion_is_not_jumped_over() -> None:
 @given(fences(), st.lists(point, min_size=2, max_size=12))
 def test_a_way_outside_is_what_a_fine_search_of_it_finds(fence: Fence, points: list[Vec3]) -> None:
     for start, end in itertools.pairwise(points):
-        found = fence.outside_between(start, end)
+        found = fence.outside_between(start, end, (fence.margin_m(start), fence.margin_m(end)))
         if min(fence.margin_m(start), fence.margin_m(end)) < 0.0:
             assert found is None
             continue
