@@ -67,7 +67,8 @@ class DistanceOracle(LimitOracle):
                 flags += self._judge(first, then)
         if not self.stages.covers(sample.t_s):
             return flags
-        self._late.add(last, sample)
+        if self._thing in self._late.add(last, sample):
+            return flags
         return flags + self._judge(last, sample)
 
     def _judge(self, last: PoseSample, sample: PoseSample) -> Flags:

@@ -8,6 +8,7 @@ from pydantic import Field
 from wil_campaign.plugins.encounters.distance import probe_of_object
 from wil_campaign.safety.model.oracle_results import OracleResult
 from wil_campaign.safety.model.samples import PoseSample
+from wil_campaign.safety.oracles.late_tracks import LateTracks
 from wil_campaign.safety.oracles.oracle import (
     NO_FLAGS,
     Flags,
@@ -58,12 +59,21 @@ class EncounterOracle(Oracle):
         self._near_since_s: float | None = None
         self._near_now_s = self._near_before_s = 0.0
         self._nearest_m: float | None = None
+        self._late = LateTracks(events)
 
     def on_pose(self, sample: PoseSample) -> Flags:
         """Take a pose: whether the object is near at it."""
+        for name, _, then in self._late.due():
+            if name == self._thing:
+                self._take(then)
         if not self.stages.covers(sample.t_s):
             self._part()
-            return NO_FLAGS
+        elif self._thing not in self._late.add(sample, sample):
+            self._take(sample)
+        return NO_FLAGS
+
+    def _take(self, sample: PoseSample) -> None:
+        """Take a pose at whose time it is known where the object is."""
         at = (sample.pose, sample.t_s)
         swept = self._probe.sweep(*at, *at, self._events)
         distance_m = max(0.0, min(separation.clearance_m for separation in swept))
@@ -75,7 +85,6 @@ class EncounterOracle(Oracle):
             self._near_since_s = sample.t_s
         else:
             self._near_now_s = sample.t_s - self._near_since_s
-        return NO_FLAGS
 
     def _part(self) -> None:
         """End a time for which the two were near."""

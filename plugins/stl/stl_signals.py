@@ -12,7 +12,7 @@ from wil_campaign.safety.model import signals
 from wil_campaign.safety.model.samples import PoseSample, ReferenceSample, StateSample
 from wil_campaign.safety.oracles.autopilot_health import ModeName
 from wil_campaign.safety.oracles.contact import ContactLimits
-from wil_campaign.safety.oracles.late_tracks import LateTracks
+from wil_campaign.safety.oracles.late_tracks import LateStretch, LateTracks
 from wil_campaign.safety.oracles.oracle import MotionName, OracleContext, StageTracker, WorldProbe
 from wil_campaign.safety.oracles.pair import extrapolated_ned_m
 from wil_campaign.vehicles.driver.vehicle_state import ReportName
@@ -232,7 +232,10 @@ class FenceMarginSignal:
 
 
 class _Distance:
-    """The STL signal of the distance to one object at each pose, and at those judged too early."""
+    """The STL signal of the distance to one object at each pose.
+
+    While it is not known where the object is, it stays; then the least of that time counts.
+    """
 
     def __init__(
         self, thing: str, probe_of: Callable[[str], WorldProbe], events: Mapping[str, float]
@@ -240,24 +243,27 @@ class _Distance:
         self._thing, self._probe_of, self._events = thing, probe_of, events
         self._probe: WorldProbe | None = None
         self._late = LateTracks(events)
+        self._value: float | None = None
 
     def __call__(self, sample: PoseSample) -> float:
+        poses = [then for name, _, then in self._late.due() if name == self._thing]
+        if self._thing not in self._late.add(sample, sample):
+            poses.append(sample)
+        if poses or self._value is None:
+            self._value = min(map(self._distance_m, poses or [sample]))
+        return self._value
+
+    def _distance_m(self, sample: PoseSample) -> float:
         if self._probe is None:
             self._probe = self._probe_of(self._thing)
-        late = [then for name, _, then in self._late.due() if name == self._thing]
-        self._late.add(sample, sample)
-        distances = (
-            each.clearance_m
-            for one in (*late, sample)
-            for each in self._probe.sweep(one.pose, one.t_s, one.pose, one.t_s, self._events)
-        )
-        return max(0.0, min(distances))
+        swept = self._probe.sweep(sample.pose, sample.t_s, sample.pose, sample.t_s, self._events)
+        return max(0.0, min(each.clearance_m for each in swept))
 
 
 class _Nearest:
     """The STL signal of the least clearance to any object since the last pose.
 
-    It has that of stretches that were judged too early as well, once it is known.
+    To an object of which it is not known yet where it is, it counts once that is known.
     """
 
     def __init__(self, context: OracleContext, stages: StageTracker) -> None:
@@ -271,12 +277,13 @@ class _Nearest:
         if not self._probes and context.probe_of is not None:
             self._probes = {thing: context.probe_of(thing) for thing in context.things}
         last, self._last = self._last or sample, sample
-        late = [(self._probes[one.name], *one[1:]) for one in self._late.due()]
-        self._late.add(last, sample)
+        judged = [one for one in self._late.due() if one.name in self._probes]
+        later = self._late.add(last, sample)
+        judged += [LateStretch(name, last, sample) for name in self._probes if name not in later]
         limits = ContactLimits()
         limits.below_m, limits.floors_ignored = _FARTHEST_M, self._stages.near_ground_at(sample.t_s)
-        for probe, first, then in (*late, *((one, last, sample) for one in self._probes.values())):
-            swept = probe.sweep(
+        for name, first, then in judged:
+            swept = self._probes[name].sweep(
                 first.pose, first.t_s, then.pose, then.t_s, context.events, below_m=limits
             )
             limits.below_m = min([limits.below_m, *(each.clearance_m for each in swept)])

@@ -125,22 +125,32 @@ class ClearanceOracle(Oracle):
         if not self.stages.covers(sample.t_s):
             return flags
         self._seen = True
-        self._late.add(last, sample)
-        return flags + self._sweep(last, sample)
+        return flags + self._sweep(last, sample, later=self._late.add(last, sample))
 
-    def _sweep(self, last: PoseSample, sample: PoseSample, *, only: str | None = None) -> Flags:
-        """Judge the stretch between two poses; only: against one object alone."""
+    def _sweep(
+        self,
+        last: PoseSample,
+        sample: PoseSample,
+        *,
+        only: str | None = None,
+        later: frozenset[str] = frozenset(),
+    ) -> Flags:
+        """Judge the stretch between two poses.
+
+        only: against one object alone. later: not against these, which are judged later.
+        """
         near_ground = self.stages.near_ground_at(sample.t_s)
         self._limits.only = only
         self._limits.floors_ignored = near_ground
-        self._limits.ignored = self._ground if near_ground else self._exclude
+        self._limits.ignored = later | (self._ground if near_ground else self._exclude)
         # Only objects nearer than ever, or near the limit, are of interest.
         known_m = math.inf if self._worst is None else self._worst.clearance_m
         self._limits.below_m = max(known_m, self._min_m + CLEAR_AGAIN_M)
         swept = self._probe.sweep(
             last.pose, last.t_s, sample.pose, sample.t_s, self._events, below_m=self._limits
         )
-        return self._judge(swept)
+        kept = {key for key in self._near if key[0] in later or only not in {None, key[0]}}
+        return self._judge(swept, kept)
 
     def result(self, t_s: float) -> OracleResult:
         """Return the least clearance as the actual value; 0 is contact."""
@@ -174,11 +184,14 @@ class ClearanceOracle(Oracle):
     def _limits_kept(self, separation: ObjectSeparation) -> bool:
         return separation.clearance_m > 0.0 and separation.clearance_m >= self._min_m
 
-    def _judge(self, swept: tuple[ObjectSeparation, ...]) -> Flags:
-        """Return flags of new contacts and clearances below the limit."""
+    def _judge(
+        self, swept: tuple[ObjectSeparation, ...], still_near: set[tuple[str, bool]]
+    ) -> Flags:
+        """Return flags of new contacts and clearances below the limit.
+
+        still_near: the objects that are near and were not judged now.
+        """
         flags: Flags = NO_FLAGS
-        only = self._limits.only
-        still_near = {key for key in self._near if only not in {None, key[0]}}
         for separation in swept:
             key = (separation.object_name, separation.is_floor)
             if self._limits[key] == 0.0:

@@ -1,18 +1,20 @@
-"""Stretches that were judged before it was known where a flown object was in them; pure."""
+"""Stretches that are judged once it is known where a flown object was in them; pure."""
 
-from collections import deque
+from collections import defaultdict, deque
 from collections.abc import Iterator, Mapping
+from functools import partial
 from typing import NamedTuple
 
 from wil_campaign.safety.model.samples import PoseSample
 from wil_campaign.worlds.scene.track import AHEAD_S, RunHistory
 
 _MOST = 1000
-"""Stretches that are kept: of 20 s at 50 Hz, more than an actor may be silent."""
+"""Stretches that wait: of 20 s at 50 Hz, more than an actor may be silent."""
+_NONE: frozenset[str] = frozenset()
 
 
 class LateStretch(NamedTuple):
-    """A stretch between two poses that is to be judged again, against the object that was late."""
+    """A stretch between two poses that is to be judged now, against the object that was late."""
 
     name: str
     first: PoseSample
@@ -20,35 +22,35 @@ class LateStretch(NamedTuple):
 
 
 class LateTracks:
-    """Finds the stretches that were judged while a flown object was taken to rest.
+    """Holds the stretches of which it is not known yet where a flown object is in them.
 
-    Its track goes on at its velocity for AHEAD_S after its last pose, and then it rests. Where it
-    was silent for longer, or its poses come later than that, its next pose says where it was.
-    events: of the world, with the tracks.
+    Its track goes on at its velocity for AHEAD_S after its last pose. Where it is silent for
+    longer, or its poses come later than that, its next pose says where it was. events: of the
+    world, with the tracks.
     """
 
     def __init__(self, events: Mapping[str, float]) -> None:
         self._tracks = events.tracks if isinstance(events, RunHistory) else {}
-        self._known_s: dict[str, float] = {}
-        self._judged: deque[tuple[PoseSample, PoseSample]] = deque(maxlen=_MOST)
+        self._waiting: defaultdict[str, deque[tuple[PoseSample, PoseSample]]] = defaultdict(
+            partial(deque, maxlen=_MOST)
+        )
 
-    def add(self, first: PoseSample, last: PoseSample) -> None:
-        """Add a stretch that is judged now, by what the tracks have."""
+    def add(self, first: PoseSample, last: PoseSample) -> frozenset[str]:
+        """Take a stretch that is judged now; return the objects that it waits for."""
         if not self._tracks:
-            return
-        known = (track.last_s for track in self._tracks.values())
-        certain_s = min((at_s for at_s in known if at_s is not None), default=last.t_s) + AHEAD_S
-        while self._judged and self._judged[0][1].t_s <= certain_s:
-            self._judged.popleft()
-        self._judged.append((first, last))
+            return _NONE
+        late = frozenset(
+            name
+            for name, track in self._tracks.items()
+            if track.last_s is not None and last.t_s > track.last_s + AHEAD_S
+        )
+        for name in late:
+            self._waiting[name].append((first, last))
+        return late
 
     def due(self) -> Iterator[LateStretch]:
-        """Yield the stretches to be judged again, by track, each once for each change of it."""
-        for name, track in self._tracks.items():
-            known_s, last_s = self._known_s.get(name), track.last_s
-            if last_s is None or known_s == last_s:
-                continue
-            self._known_s[name] = last_s
-            for first, last in self._judged:
-                if known_s is not None and known_s + AHEAD_S < last.t_s:
-                    yield LateStretch(name, first, last)
+        """Yield the stretches that need not wait any more, those of one object in order."""
+        for name, waiting in self._waiting.items():
+            last_s = self._tracks[name].last_s
+            while waiting and last_s is not None and waiting[0][1].t_s <= last_s + AHEAD_S:
+                yield LateStretch(name, *waiting.popleft())

@@ -399,19 +399,54 @@ def test_a_drone_is_touched_while_its_poses_are_missing_or_late(
     assert result.at_s == pytest.approx(0.5, abs=0.5 if kind == "stl" else 0.08)
 
 
-def test_what_is_judged_again_is_one_contact_with_the_late_object_alone() -> None:
-    near = {0.3: [("drone", "", 0.0), ("wall", "", 0.0)], 0.6: [("drone", "", 0.0)]}
-    near[0.4] = [("drone", "", 0.0), ("wall", "", 0.0)]
-    probe, history = ScriptedProbe(near), RunHistory()
+def test_no_vehicle_touches_a_drone_that_is_not_where_it_was_last() -> None:
+    start = Pose((0.0, 0.0, -1.0))
+    motion = ObjectMotion(start, (Waypoint((0.0, 9.0, -1.0), 5.0),))
+    scene = Scene((SceneObject(1, "drone", box_shape((0.2, 0.2, 0.1)), start, motion),))
+    body, history = BoxShape((0.15, 0.15, 0.05)), RunHistory()
+    context = OracleContext(
+        mode="sim",
+        subject="real",
+        vehicle="real",
+        probe=ClearanceProbe(scene, body),
+        probe_of=lambda _: ClearanceProbe(scene, body, within_m=1e6),
+        things=("drone",),
+        events=history,
+    )
+    judges = [
+        build("collision", context=context),
+        build("distance", context=context, object="drone", min_m=0.1),
+        build("stl", context=context, stl="always (clearance_m > 0.1)"),
+        build("stl", context=context, stl="always (distance_drone_m > 0.1)"),
+    ]
+    met = build("encounter", context=context, object="drone", within_m=0.3)
+    for judge in (*judges, met):
+        stage(judge, takeoff=-0.3, at_height=-0.2, goal=-0.1)
+    # It flies off to the east, and the vehicle comes from the north to where it was at 0.1 s.
+    for step in range(41):
+        if not 5 < step < 35:
+            history.add_pose("drone", step / 50, motion.pose_at(step / 50, {}), (0.0, 0.0, 0.0))
+        for judge in (*judges, met):
+            judge.on_pose(pose(step / 50, (1.5 - step / 20, 0.5, -1.0)))
+    assert [judge.result(9.0).verdict for judge in (*judges, met)] == [*["PASS"] * 4, "FAIL"]
+
+
+def test_what_is_judged_later_is_one_contact_with_the_late_object_alone() -> None:
+    both = [("drone", "", 0.0), ("wall", "", 0.0)]
+    probe, history = ScriptedProbe({0.2: both, 0.3: both, 0.4: both, 0.6: both[:1]}), RunHistory()
     context = OracleContext(mode="sim", subject="real", vehicle="real", probe=probe, events=history)
     judge = build("collision", context=context)
     stage(judge, takeoff=0.0)
     history.add_pose("drone", 0.1, Pose((0, 0, -1)), (0, 0, 0))
-    flags = [flag for t_s in (0.1, 0.2, 0.3, 0.4, 0.5) for flag in judge.on_pose(pose(t_s))]
-    assert [flag.text for flag in flags] == ["real touched drone", "real touched wall"]
-    probe.script = {0.5: [("drone", "", 0.0), ("wall", "", 0.0)]}
+    flags = [flag for t_s in (0.1, 0.25, 0.3, 0.4, 0.5) for flag in judge.on_pose(pose(t_s))]
+    assert [flag.text for flag in flags] == ["real touched wall"]
     history.add_pose("drone", 0.6, Pose((0, 0, -1)), (0, 0, 0))
-    assert [flag.text for flag in judge.on_pose(pose(0.6))] == ["real touched drone"]
-    assert probe.asked[-4:] == [(0.2, 0.3), (0.3, 0.4), (0.4, 0.5), (0.5, 0.6)]
+    flags = [*judge.on_pose(pose(0.6))]
+    assert [(flag.t_s, flag.text) for flag in flags] == [
+        (0.3, "real touched drone"),
+        (0.6, "real touched drone"),
+    ]
+    later = [(0.1, 0.25), (0.25, 0.3), (0.3, 0.4), (0.4, 0.5), (0.5, 0.6)]
+    assert probe.asked[-5:] == later
     assert judge.on_pose(pose(0.7)) == ()
     assert probe.asked[-1] == (0.6, 0.7)
