@@ -110,7 +110,7 @@ def compare(
         write_stderr(f"{page} cannot be written: {error.strerror or error}")
         return 3
     if json_:
-        write_stdout(_as_json(compared))
+        write_stdout(_as_json(compared, doubts))
     elif markdown:
         write_stdout(_as_markdown(compared, sentences, doubts, after=after))
     else:
@@ -251,7 +251,7 @@ def _figure_text(value: float, unit: str, *, is_beyond: bool) -> str:
     return f"{'> ' if is_beyond else ''}{value:.3g} {unit}".rstrip()
 
 
-def _as_json(compared: FolderComparison) -> str:
+def _as_json(compared: FolderComparison, doubts: Sequence[str]) -> str:
     """Return the comparison as JSON."""
     document = {
         "schema": "wil/comparison/1",
@@ -259,5 +259,6 @@ def _as_json(compared: FolderComparison) -> str:
         **asdict(compared.found),
         "removed_controls": list(compared.removed_controls),
         "settings": asdict(compared.settings),
+        "problems": list(doubts),
     }
     return json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False)

@@ -34,6 +34,10 @@ from wil_campaign.orchestrator.run_results.result_parts import distinct_firmware
 from wil_campaign.orchestrator.run_results.run_result import RunResult
 from wil_campaign.vehicles.readings.kinds import traits_named
 
+NO_RESULT = "NO RESULT"
+_MOST_PROBLEMS = 12
+"""Lines about damaged runs at the head of the page."""
+
 
 def sketch_of_sight(sight: PerceivedSight | None) -> Markup | None:
     """Return the perceived reading over those it was mixed from, drawn by its type; else None."""
@@ -88,7 +92,7 @@ def render_run(
     as HTML.
     """
     result = run.result
-    verdict = "NO RESULT" if result is None else result.verdict
+    verdict = NO_RESULT if result is None else result.verdict
     html = (
         page_environment()
         .get_template("run.html.j2")
@@ -175,10 +179,27 @@ def render_page(
         limits=overview.validity_limits(documents),
         deciding=[page for page in pages if page.is_bad and page.decides],
         others=[page for page in pages if page.is_bad and not page.decides],
-        problems=documents.problems,
+        problems=[*documents.problems, *_run_problems(pages)],
         document=_document_text(documents),
         made_utc=made_utc,
     )
+
+
+def _run_problems(pages: Sequence[RunPage]) -> list[str]:
+    """Return what is missing or damaged in runs, for the head of the page: the first of it.
+
+    Runs without a result are counted and listed there already.
+    """
+    found = [
+        f"{page.name}: {text}"
+        for page in pages
+        if page.verdict != NO_RESULT
+        for text in page.problems
+    ]
+    if len(found) <= _MOST_PROBLEMS:
+        return found
+    more = len(found) - _MOST_PROBLEMS + 1
+    return [*found[: _MOST_PROBLEMS - 1], f"and {more} more: the pages of the runs have them"]
 
 
 def page_anchors(names: Iterable[str]) -> list[str]:

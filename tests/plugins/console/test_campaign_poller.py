@@ -55,7 +55,7 @@ def test_verdicts_have_their_reasons_and_outlive_a_program_that_died(
         assert "accepted" not in flying
 
 
-def test_controls_are_told_from_runs_with_whether_they_ended_as_they_must(
+def test_controls_are_listed_with_whether_they_ended_as_they_must(
     tmp_path: Path, short_folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(short_folder))

@@ -2,6 +2,8 @@
 
 import json
 import re
+import shutil
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -9,9 +11,11 @@ import pytest
 
 from tests.orchestrator.report.recorded_campaign import HOSTILE, write_campaign
 from wil_campaign.orchestrator.cli import verdict_table
+from wil_campaign.orchestrator.reading.model import CampaignDocuments
 from wil_campaign.orchestrator.report.campaign_report import write_report
+from wil_campaign.orchestrator.report.model import RunReport
 from wil_campaign.orchestrator.report.rendering.markup import svg_element, visible_text
-from wil_campaign.orchestrator.report.rendering.page import page_anchors
+from wil_campaign.orchestrator.report.rendering.page import page_anchors, render_page, render_run
 from wil_campaign.orchestrator.report.rendering.scales import tick_step, value_scale
 
 
@@ -207,6 +211,27 @@ def test_a_control_that_passed_is_not_green(tmp_path: Path) -> None:
     overview = text[: text.index("<article")]
     assert '<span class="badge PASS">' not in overview
     assert overview.count('<span class="badge unmet">PASS</span>') == 3
+
+
+def test_a_run_whose_files_are_gone_is_named_at_the_top(tmp_path: Path) -> None:
+    """The verdict was green, and what was missing stood on the page of the run alone."""
+    folder = write_campaign(tmp_path / "gate")
+    shutil.rmtree(folder / "large/sim/1")
+    text = write_report(folder).path.read_text("utf-8")
+    top = text[: text.index("Cases and modes")]
+    assert "What cannot be shown" in top
+    assert "large/sim/1: result.json is missing" in top
+
+
+def test_many_damaged_runs_are_counted_at_the_top() -> None:
+    run = RunReport(name="a/wil/1", case="a", mode="wil", rep="1", result=None, problems=("gone",))
+    pages = [replace(render_run(run, anchor="x"), verdict="PASS", name=str(k)) for k in range(30)]
+    documents = CampaignDocuments(name="gate", folder="x", entries=())
+    text = render_page(documents, (), pages, made_utc="")
+    top = text[: text.index("Cases and modes")]
+    assert "<li>10: gone</li>" in top
+    assert "<li>11: gone</li>" not in top
+    assert "and 19 more: the pages of the runs have them" in top
 
 
 def test_no_card_is_empty(page: str) -> None:

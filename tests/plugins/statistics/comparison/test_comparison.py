@@ -286,6 +286,9 @@ def test_a_comment_says_that_a_comparison_proves_nothing_and_why(
     assert "new: stopped by Ctrl-C or SIGTERM" in comment
     assert "this comparison proves nothing; nothing became worse" in page.read_text()
     assert "stopped by Ctrl-C or SIGTERM" in page.read_text()
+    assert main(["compare", str(old), str(new), "--json"]) == 3
+    (problem,) = json.loads(capsys.readouterr().out)["problems"]
+    assert problem.endswith("new: stopped by Ctrl-C or SIGTERM")
     assert main(["compare", str(old), str(old), "--markdown"]) == 0
     assert "proves nothing" not in capsys.readouterr().out
 
