@@ -72,8 +72,6 @@ from wil_campaign.worlds.frames import Pose, norm, quat_from_euler
 
 STRIP_S = (-2.0, -1.0, -0.5, 0.0, 0.5, 1.0, 2.0)
 """Times of the strip's frames, relative to the moment."""
-_SAME_FLIGHT_S = 0.1
-"""Both are times of the same events."""
 _MP4_MARK = b"ftyp"
 """Follows the length of an MP4 file's first box."""
 
@@ -319,24 +317,7 @@ def _read_parts(place: Path, entry: RunEntry) -> _Parts:
     if entry.result is not None and motion.poses and "end" not in motion.stages:
         last_s = max(t_s for poses in motion.poses.values() for t_s, _ in poses[-1:])
         problems.append(f"judged.msgpack ends at {last_s:.2f} s, before the end of the run")
-    elif entry.result is not None and (why := _other_flight(motion, entry.result)):
-        problems.append(f"judged.msgpack is of another flight than result.json: {why}")
     return _Parts(log, motion, trajectory.rows, world, problems, stages)
-
-
-def _other_flight(motion: JudgedMotion, result: RunResult) -> str:
-    """Return in words how the time flown in a judge log differs from that of the result.
-
-    A vehicle that the guard lands once more counts as landed later, before the end.
-    """
-    stages = motion.stages
-    if result.duration_s is None or not {"takeoff", "end"} <= stages.keys():
-        return ""
-    most_s = stages["end"] - stages["takeoff"]
-    flown_s = stages.get("landed", stages["end"]) - stages["takeoff"]
-    if flown_s - _SAME_FLIGHT_S <= result.duration_s <= most_s + _SAME_FLIGHT_S:
-        return ""
-    return f"{flown_s:.2f} s flown instead of {result.duration_s:.2f} s"
 
 
 def _poses(parts: _Parts) -> dict[str, list[TimedPose]]:

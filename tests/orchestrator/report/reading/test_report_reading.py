@@ -66,16 +66,6 @@ def run_of(folder: Path, name: str = FAILED) -> RunReport:
     return read_run(folder, next(entry for entry in campaign.entries if entry.name == name), SIZE)
 
 
-def test_a_judge_log_of_another_flight_is_named(recorded: Path) -> None:
-    """As where files of two runs were put together: the maps were of one, the figures of both."""
-    entry = read_campaign_documents(recorded).entries[0]
-    assert entry.result is not None
-    assert read_run(recorded, entry, SIZE).problems == ()
-    longer = replace(entry, result=replace(entry.result, duration_s=11.5))
-    (problem,) = read_run(recorded, longer, SIZE).problems
-    assert problem.startswith("judged.msgpack is of another flight than result.json: 5.50 s flown")
-
-
 def plot_of(run: RunReport, title: str) -> dict[str, dict[float, float]]:
     plot = next(one for one in run.plots if one.title == title)
     return {curve.subject: dict(curve.points) for curve in plot.curves}
