@@ -36,7 +36,10 @@ Check = Literal[
 _FIX_WITH_HEIGHT = 3
 """GPS_FIX_TYPE_3D_FIX; better fixes have greater numbers."""
 _GPS_M = 5.0
-"""The largest error of the distance of two vehicles: 2.5 m for each receiver, outdoors."""
+"""The largest error of the distance of two vehicles: 2.5 m for each receiver, outdoors; of a place,
+twice that of its receiver."""
+_TURNED_DEG = 15.0
+"""The largest error of a compass beside motors, and of who puts a vehicle down."""
 _NO_RECEIVER = "it has no GPS receiver; set preflight.gps: null where it flies without one"
 _LEAST_TRUTH = 0.5
 """The least accepted part of the requested rate of a simulator's ground truth."""
@@ -145,6 +148,25 @@ def home_item(
         f"nearer than {keep_m:g} m"
     )
     return PreflightItem("home", vehicle, "refused", margin_m, keep_m, "m", where)
+
+
+def earth_item(
+    vehicle: str, off_m: float | None, turned_deg: float, place_deg: tuple[float, float]
+) -> PreflightItem:
+    """Return the preflight item that a vehicle stands as its fence in degrees supposes it.
+
+    off_m: from its start, at this latitude and longitude by the world's origin; None for unknown.
+    turned_deg: its heading from its start's.
+    """
+    if off_m is not None and off_m <= _GPS_M and abs(turned_deg) <= _TURNED_DEG:
+        return PreflightItem("home", vehicle, "ok", off_m, _GPS_M, "m")
+    off = "at an unknown distance" if off_m is None else f"{off_m:.0f} m"
+    text = (
+        f"it stands {off} from its start ({place_deg[0]:.6f}, {place_deg[1]:.6f} by the world's "
+        f"origin), turned by {turned_deg:.0f} degrees; its fence, which is given in degrees, would "
+        "be so as well: correct its start or the origin"
+    )
+    return PreflightItem("home", vehicle, "refused", off_m, _GPS_M, "m", text)
 
 
 def separation_item(vehicle: str, other: str, apart_m: float, needed_m: float) -> PreflightItem:

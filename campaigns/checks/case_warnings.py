@@ -71,6 +71,7 @@ def case_warnings(files: CaseFiles, case: Case, modes: tuple[Mode, ...]) -> Iter
         yield from _momentary_windows(files.campaign, case, mode)
         yield from room_warnings(files.campaign, case, scene)
         yield from _late_motions(files, case, scene)
+    yield from _unfenced_vehicles(files.campaign, case, modes)
     yield from _raised_starts(files.campaign, case, modes)
     yield from _small_bodies(files.campaign, case)
     yield from _unused_parameters(files.campaign, case)
@@ -81,6 +82,18 @@ def case_warnings(files: CaseFiles, case: Case, modes: tuple[Mode, ...]) -> Iter
         yield from unmixed_sensor_warnings(files, case)
     yield from limit_warnings(files.campaign, case)
     yield from magnitude_warnings(files, case)
+
+
+def _unfenced_vehicles(file: Document, case: Case, modes: tuple[Mode, ...]) -> Iterator[Problem]:
+    """Yield a warning for an attached vehicle without a fence, as it may be hardware."""
+    for name in dict.fromkeys(name for mode in modes for name in FLIES[mode]):
+        vehicle = case.vehicles.get(name)
+        if vehicle is not None and vehicle.attached is not None and name not in case.fences:
+            message = (
+                f"'{name}' is attached, may be hardware, and has no geofence: neither the guard "
+                "nor its autopilot stops it"
+            )
+            yield file.problem(("vehicles", name, "link"), message, key=True)
 
 
 def _raised_starts(file: Document, case: Case, modes: tuple[Mode, ...]) -> Iterator[Problem]:

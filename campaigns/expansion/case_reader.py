@@ -109,6 +109,7 @@ def read_setup(
         fences=fences
         if world is None
         else {**fences, **actor_fences(files.campaign, part.actors, world.frame, problems)},
+        fences_on_earth=_fences_on_earth(part),
         guarding=_guard_setup(part),
         oracles=uses,
         faults=fault_setups(files.campaign, part.faults, vehicles, problems),
@@ -186,6 +187,13 @@ def _fences(
         )
         or {}
     )
+
+
+def _fences_on_earth(part: CampaignPart) -> frozenset[str]:
+    """Return the vehicles and actors of a case whose fence is given in degrees."""
+    given = {} if part.geofence is None else part.geofence.of_vehicles
+    actors = {name: one.geofence for name, one in part.actors.items() if one.geofence is not None}
+    return frozenset(name for name, one in {**given, **actors}.items() if one.is_on_earth)
 
 
 def _guard_setup(part: CampaignPart) -> GuardingSetup:

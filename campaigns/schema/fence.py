@@ -26,6 +26,13 @@ class GeofencePart(FencePart):
     latency_s: Annotated[float, Field(ge=0, le=10)] = _USUAL.latency_s
     braking_m_s2: Annotated[float, Field(gt=0, le=100)] = _USUAL.braking_m_s2
 
+    @property
+    def of_vehicles(self) -> dict[str, FencePart]:
+        """Return the fence of each vehicle that has one: its own, else that for both."""
+        common = self if self.is_drawn else None
+        parts = {"real": self.real or common, "twin": self.twin or common}
+        return {name: part for name, part in parts.items() if part is not None}
+
     @model_validator(mode="after")
     def _for_somebody(self) -> Self:
         if not self.is_drawn and self.real is None and self.twin is None:

@@ -98,8 +98,9 @@ class Case:
 
     actors: vehicles that fly as objects of the world, by the object's name. observers: of its runs,
     by their keys of the campaign.
-    recipe: None where no mode mixes. fences: of the vehicles and actors that have one; guarding:
-    how the guard keeps them. limits: of setpoints; None for none.
+    recipe: None where no mode mixes. fences: of the vehicles and actors that have one;
+    fences_on_earth: those of them in degrees; guarding: how the guard keeps them. limits: of
+    setpoints; None for none.
     faults: injected into signals.
     collision_always: whether contacts are judged even without the oracle `collision`.
     firmware: versions that `accept` requires, by vehicle.
@@ -116,6 +117,7 @@ class Case:
     goal: GoalSetup
     sync: SyncSetup
     fences: Mapping[str, Fence]
+    fences_on_earth: frozenset[str] = frozenset()
     oracles: tuple[OracleUse, ...]
     actors: Mapping[str, ActorSetup] = field(default_factory=dict)
     faults: tuple[SignalFault, ...] = ()

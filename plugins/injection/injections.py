@@ -159,6 +159,7 @@ class Injections(Observer):
                 autopilot=setup.vehicle(context.name).autopilot,
                 injections=self._injections,
                 scene_poses=scene_poses,
+                is_attached=setup.vehicle(context.name).attached is not None,
             )
             if injector.injections:
                 self._injectors[context.name] = injector

@@ -117,7 +117,10 @@ class ScenePoses:
 
 
 class Injector:
-    """Injects the campaign's messages into one vehicle's autopilot."""
+    """Injects the campaign's messages into one vehicle's autopilot.
+
+    is_attached: the vehicle stands anywhere on Earth, and its world with it.
+    """
 
     def __init__(
         self,
@@ -127,8 +130,10 @@ class Injector:
         injections: Iterable[InjectionSetup],
         scene_poses: ScenePoses,
         spread: PoseSpread | None = None,
+        is_attached: bool = False,
     ) -> None:
         self._context = context
+        self._is_attached = is_attached
         self._autopilot = autopilot
         self._scene_poses = scene_poses
         self._spread = spread
@@ -217,16 +222,26 @@ class Injector:
             place = thing.pose_at(now_s, self._scene_poses.events).position_ned_m
             if one.thing == "adsb_vehicle":
                 intruder = self._intruder(thing, place, now_s)
-                self._offer(one, name, adsb_vehicle(intruder, now_s=now_s), now_s)
+                if intruder is not None:
+                    self._offer(one, name, adsb_vehicle(intruder, now_s=now_s), now_s)
             else:
                 message = self._landing_target(place, now_s)
                 if message is not None:
                     self._offer(one, name, message, now_s)
 
-    def _intruder(self, thing: SceneObject, place: Vec3, now_s: float) -> Intruder:
+    def _intruder(self, thing: SceneObject, place: Vec3, now_s: float) -> Intruder | None:
+        """Return an object as an intruder on Earth; None while the vehicle's place is unknown."""
         events = self._scene_poses.events
         before = thing.pose_at(now_s - _STEP_S, events).position_ned_m
+        velocity_ned_m_s = scale(subtract(place, before), 1.0 / _STEP_S)
         at = self._scene_poses.frame.to_geodetic(place)
+        if self._is_attached:
+            driver = self._context.driver
+            anchor = driver.anchor
+            if anchor is None or driver.place_deg is None:
+                return None
+            at = driver.place_of(place)
+            velocity_ned_m_s = anchor.velocity_to_local(velocity_ned_m_s)
         return Intruder(
             t_s=now_s,
             icao_address=_ICAO_FIRST + thing.object_id,
@@ -234,7 +249,7 @@ class Injector:
             latitude_deg=at.latitude_deg,
             longitude_deg=at.longitude_deg,
             altitude_amsl_m=at.altitude_m,
-            velocity_ned_m_s=scale(subtract(place, before), 1.0 / _STEP_S),
+            velocity_ned_m_s=velocity_ned_m_s,
         )
 
     def _landing_target(self, place: Vec3, now_s: float) -> Any | None:

@@ -163,18 +163,20 @@ class FencePart(Part):
             raise ValueError("give a box; or include, exclude or file, and up_m")
         if self.up_m is not None:
             _require_ordered(("up_m",), self.up_m)
-        if self.file is None and not self._on_earth:
+        if not self.is_on_earth:
             try:
                 self.fence()
             except FenceError as error:
                 raise ValueError(str(error)) from error
 
     @property
-    def _on_earth(self) -> bool:
+    def is_on_earth(self) -> bool:
+        """Return whether any area of the YAML fence is given in degrees."""
         shapes = [part.shape() for part in (*self.include, *self.exclude)]
         if self.box is not None:
             shapes.append(self.box.shape())
-        return any(isinstance(shape, GeoPolygon | GeoCircle) for shape in shapes)
+        in_degrees = any(isinstance(shape, GeoPolygon | GeoCircle) for shape in shapes)
+        return self.file is not None or in_degrees
 
     def fence(self, frame: LocalFrame | None = None, drawn: DrawnFence | None = None) -> Fence:
         """Return the YAML fence in the world's frame; drawn: what is in its `file`.

@@ -12,6 +12,7 @@ from wil_campaign.safety.preflight import (
     at_least_item,
     at_most_item,
     distance_item,
+    earth_item,
     faults_item,
     gps_items,
     ground_truth_item,
@@ -260,3 +261,20 @@ def test_a_ground_truth_comes_usable_and_often(
     item = ground_truth_item("real", rate_hz, wanted_hz=50.0, message="SIM_STATE", refused=refused)
     assert item.outcome == ("refused" if said else "ok")
     assert item.text.startswith(said)
+
+
+@pytest.mark.parametrize(
+    ("off_m", "turned_deg", "outcome", "said"),
+    [
+        (4.9, -14.0, "ok", ""),
+        (251.0, 0.0, "refused", "it stands 251 m from its start (47.400000, 8.545600 by the"),
+        (0.5, 90.0, "refused", "turned by 90 degrees; its fence, which is given in degrees, would"),
+        (None, 0.0, "refused", "it stands at an unknown distance from its start"),
+    ],
+)
+def test_a_fence_in_degrees_needs_the_vehicle_where_the_world_has_it(
+    off_m: float | None, turned_deg: float, outcome: str, said: str
+) -> None:
+    item = earth_item("real", off_m, turned_deg, (47.4, 8.5456))
+    assert (item.check, item.outcome, item.actual) == ("home", outcome, off_m)
+    assert said in item.text

@@ -79,8 +79,12 @@ class Anchor:
         yaw_rad = None if setpoint.yaw_rad is None else wrap_pi(setpoint.yaw_rad - self.turn_rad)
         if isinstance(setpoint, PositionSetpoint):
             return PositionSetpoint(self.position_to_local(setpoint.position_ned_m), yaw_rad)
-        velocity = _turn(setpoint.velocity_ned_m_s, -self.turn_rad)
+        velocity = self.velocity_to_local(setpoint.velocity_ned_m_s)
         return VelocitySetpoint(velocity, yaw_rad, setpoint.yaw_rate_rad_s)
+
+    def velocity_to_local(self, world_ned_m_s: Vec3) -> Vec3:
+        """Return a world velocity in the anchored autopilot's frame."""
+        return _turn(world_ned_m_s, -self.turn_rad)
 
     def position_to_local(self, world_ned_m: Vec3) -> Vec3:
         """Return a world position in the anchored autopilot's frame."""

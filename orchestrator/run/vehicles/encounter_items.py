@@ -21,11 +21,11 @@ def encounter_items(setup: RunSetup, contexts: Iterable[VehicleContext]) -> Iter
         if not {name, other} <= places_deg.keys():
             continue
         yield separation_item(name, other, encounter.apart_m, encounter.needed_m)
-        measured_m = _distance_m(places_deg[name], places_deg[other])
+        measured_m = distance_m(places_deg[name], places_deg[other])
         yield distance_item(name, other, measured_m, stated_m=encounter.stated_m)
 
 
-def _distance_m(one: tuple[float, float] | None, other: tuple[float, float] | None) -> float | None:
+def distance_m(one: tuple[float, float] | None, other: tuple[float, float] | None) -> float | None:
     """Return the horizontal distance of two places on Earth; None where one is unknown."""
     if one is None or other is None:
         return None

@@ -2,6 +2,7 @@
 
 import asyncio
 import itertools
+import math
 import shutil
 from collections.abc import Callable, Iterable
 from dataclasses import asdict
@@ -10,7 +11,7 @@ from pathlib import Path
 
 from wil_campaign.campaigns.setup.vehicle_setups import FlownSetup
 from wil_campaign.campaigns.values.wanted_firmware import fits_firmware
-from wil_campaign.orchestrator.run.vehicles.encounter_items import encounter_items
+from wil_campaign.orchestrator.run.vehicles.encounter_items import distance_m, encounter_items
 from wil_campaign.orchestrator.run.vehicles.firmware_record import firmware_of
 from wil_campaign.orchestrator.run.vehicles.return_checks import return_faults
 from wil_campaign.orchestrator.state.run_setup import RunSetup
@@ -21,6 +22,7 @@ from wil_campaign.safety.preflight import (
     PreflightItem,
     at_least_item,
     at_most_item,
+    earth_item,
     faults_item,
     firmware_item,
     gps_items,
@@ -115,6 +117,7 @@ class PreflightChecks:
         ]
         if fence is not None:
             items.append(home_item(name, fence, position, setup.case.guarding.keep_m))
+            items += self._place(context)
         context.driver.parameter_digest.settle()
         if (version := setup.case.firmware.get(name)) is not None:
             identity = context.driver.identity
@@ -122,6 +125,24 @@ class PreflightChecks:
             flown = firmware_of(context, setup).release
             items.append(firmware_item(name, flown, fits=found, wanted=version))
         return items
+
+    def _place(self, context: VehicleContext) -> Iterable[PreflightItem]:
+        """Return the preflight item of an attached vehicle's place, where its fence is on Earth.
+
+        Its world begins where it stands, and would shift that fence.
+        """
+        name, case = context.name, self._setup.case
+        vehicle = self._setup.flown(name)
+        if name not in case.fences_on_earth or vehicle.attached is None:
+            return ()
+        if name in case.vehicles and self._setup.vehicle(name).anchor == "mocap":
+            return ()
+        start = case.world.frame.to_geodetic(vehicle.start.position_ned_m)
+        place_deg = start.latitude_deg, start.longitude_deg
+        anchor = context.driver.anchor
+        turned_deg = 0.0 if anchor is None else math.degrees(anchor.turn_rad)
+        off_m = distance_m(context.driver.place_deg, place_deg)
+        return (earth_item(name, off_m, turned_deg, place_deg),)
 
     async def _source(self, context: VehicleContext) -> Iterable[PreflightItem]:
         """Return the preflight items of a vehicle's pose source: motion capture, or truth and GPS.

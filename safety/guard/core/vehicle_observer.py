@@ -104,6 +104,7 @@ class ObservedVehicle:
         self._resumed_s: float | None = None
         self._arm_requested_s: float | None = None
         self._is_ours = not vehicle.attached
+        self._is_left_to_others = False
         self._armed_s: float | None = None
         self._stored_m: Vec3 | None = None
         self._up_m: float | None = None
@@ -144,7 +145,8 @@ class ObservedVehicle:
             mode=self.mode,
             landed=self.landed,
             failsafe=self.failsafe,
-            pilot=self.taken_over and armed is not False,
+            pilot=(self.taken_over and armed is not False)
+            or (self._is_left_to_others and armed is True),
             up_m=self._up_m,
             speed_m_s=self._speed_m_s,
             seen_s=self._seen_s,
@@ -161,7 +163,7 @@ class ObservedVehicle:
 
         Somebody else flies it, as on a mission of a ground station.
         """
-        self.taken_over = self.taken_over or not self._is_ours
+        self._is_left_to_others = not self._is_ours
 
     def note_mode_request(self, custom_mode: int, t_s: float) -> None:
         """Record that the orchestrator requested a mode by SET_MODE."""

@@ -32,6 +32,19 @@ def test_a_good_campaign_is_not_warned_of(files: Any) -> None:
     assert files.load().caveats == ()
 
 
+@pytest.mark.parametrize("is_fenced", [True, False])
+def test_an_attached_vehicle_without_a_fence_is_warned_of(files: Any, is_fenced: bool) -> None:
+    sets = ("vehicles.real.link=udpin://127.0.0.1:14555", "vehicles.real.pose_source=mavlink")
+    if not is_fenced:
+        files.change("  geofence:\n", "")
+    given = files.load(sets=sets if is_fenced else (*sets, "geofence=null"))
+    said = [one.headline.partition(": ")[2] for one in given.warnings]
+    message = "'real' is attached, may be hardware, and has no geofence: neither the guard nor its"
+    assert [one for one in said if "geofence" in one] == (
+        [] if is_fenced else [f"{message} autopilot stops it"]
+    )
+
+
 def test_what_is_of_a_vehicle_that_no_mode_flies_is_warned_of(files: Any) -> None:
     files.change("  geofence:\n", "  geofence:\n  low: {use: altitude, max_m: 2, vehicle: real}\n")
     files.change("  geofence:\n", "  geofence:\n  twin_divergence: {max_m: 1}\n")

@@ -2,20 +2,21 @@
 
 import asyncio
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any, cast
 
 import numpy as np
 import pytest
 
-from tests.orchestrator.external.rigs import FakeStation
+from tests.orchestrator.external.rigs import FakeDriver, FakeStation
 from wil_campaign.foundation.clocks.virtual_loop import run_virtual
 from wil_campaign.foundation.files.documents import parse_document
 from wil_campaign.orchestrator.state.vehicle_context import VehicleContext
 from wil_campaign.plugins.injection.injection_setups import InjectionSetup
 from wil_campaign.plugins.injection.injector import Injector, ScenePoses
 from wil_campaign.vehicles.readings import LidarScanReading, PoseReading, RangefinderReading
-from wil_campaign.worlds.frames import Pose
+from wil_campaign.worlds.frames import Pose, Vec3
+from wil_campaign.worlds.geodesy import Geodetic, LocalFrame
 from wil_campaign.worlds.world_file.world import World
 
 WORLD = """\
@@ -54,13 +55,19 @@ def pose(t_s: float, velocity: tuple[float, float, float] | None = None) -> Pose
     return PoseReading(t_s, t_s, "real", Pose((1.0, 2.0, -3.0)), velocity, seq=0)
 
 
-def injector(context: FakeStation, *injections: InjectionSetup, autopilot: str = "px4") -> Injector:
+def injector(
+    context: FakeStation,
+    *injections: InjectionSetup,
+    autopilot: str = "px4",
+    is_attached: bool = False,
+) -> Injector:
     world = World.parse(parse_document(WORLD.encode(), name="world.yaml"))
     return Injector(
         context=cast("VehicleContext", context),
         autopilot=autopilot,
         injections=injections,
         scene_poses=ScenePoses(world.scene("wil", "Wv"), world.frame, {"goal": 0.0}),
+        is_attached=is_attached,
     )
 
 
@@ -192,6 +199,43 @@ def test_an_intruder_is_sent_once_a_second_where_it_is() -> None:
     assert messages[3].altitude == pytest.approx(508_000, abs=5)
     moved_deg = (messages[1].lat - messages[3].lat) / 1e7
     assert moved_deg * 111_000 == pytest.approx(20.0, rel=0.01)
+
+
+def test_an_intruder_flies_at_an_attached_vehicle_wherever_that_stands_on_earth() -> None:
+    """It stands 10 km from the world's origin, and points east where the world's start is north."""
+
+    @dataclass
+    class Attached(FakeDriver):
+        place_deg: tuple[float, float] | None = None
+
+        def place_of(self, world_ned_m: Vec3) -> Geodetic:
+            assert self.anchor is not None
+            frame = LocalFrame(47.5, 8.6, 300.0)
+            return frame.to_geodetic(self.anchor.position_to_local(world_ned_m))
+
+    async def feed() -> FakeStation:
+        driver = Attached()
+        real = FakeStation(driver=driver)
+        setup = InjectionSetup(thing="adsb_vehicle", to=("real",), objects=("intruder",))
+        told = injector(real, setup, is_attached=True)
+        task = asyncio.create_task(told.run())
+        await asyncio.sleep(0.2)
+        assert real.driver.told == []  # not before it is known where the vehicle is
+        east = Pose.of(0.0, 0.0, 0.0, yaw_rad=math.pi / 2.0)
+        real.driver.stands_at(local=east, world=Pose((0.0, 0.0, 0.0)))
+        driver.place_deg = 47.5, 8.6
+        await asyncio.sleep(2.0)
+        task.cancel()
+        await asyncio.wait([task])
+        return real
+
+    first, *_, last = run_virtual(feed()).driver.told
+    ahead = LocalFrame(47.5, 8.6, 300.0).to_ned(first.lat / 1e7, first.lon / 1e7, 320.0)
+    assert ahead[0] == pytest.approx(0.0, abs=0.1)
+    assert 85.0 < ahead[1] < 100.0
+    assert first.altitude == pytest.approx(320_000, abs=20)
+    assert last.heading == 27_000  # to the west, towards it
+    assert last.lon < first.lon
 
 
 def test_a_landing_target_is_in_the_autopilots_own_frame() -> None:

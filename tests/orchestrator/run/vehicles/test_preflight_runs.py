@@ -2,7 +2,9 @@
 
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import pytest
@@ -14,6 +16,7 @@ from wil_campaign.campaigns.expansion.expansion import ExpansionOptions, load_ca
 from wil_campaign.orchestrator.campaign.workers.run_order import fly_order
 from wil_campaign.orchestrator.cli import main
 from wil_campaign.orchestrator.run.vehicles import onboard_fences
+from wil_campaign.orchestrator.run.vehicles.preflight_checks import PreflightChecks
 from wil_campaign.orchestrator.run_results.run_result import RunResult
 from wil_campaign.orchestrator.state.run_setup import RunOrder
 from wil_campaign.safety.preflight import PreflightItem
@@ -21,6 +24,7 @@ from wil_campaign.vehicles.autopilots.px4 import Px4
 from wil_campaign.vehicles.driver.onboard.fence_protocol import AutopilotFence
 from wil_campaign.vehicles.embedded.autopilot.px4 import px4_telemetry
 from wil_campaign.vehicles.mavlink.fence_areas import FencePlace, FencePolygon
+from wil_campaign.vehicles.poses.anchor import Anchor
 
 FENCE = "geofence={box: {north_m: [-3, 3], east_m: [-3, 3], up_m: [-1, 2.4]}}"
 ARDUPILOT = "vehicles.twin.autopilot=ardupilot"
@@ -49,6 +53,47 @@ def hover(tmp_path: Path) -> Any:
         return Flight(result, armed, folder)
 
     return fly
+
+
+ON_EARTH = """geofence={up_m: [-1, 5], include: [{polygon_deg: [
+    [47.39995, 8.49995], [47.40005, 8.49995], [47.40005, 8.50005], [47.39995, 8.50005]]}]}"""
+
+
+ATTACHED = "udpin://127.0.0.1:14555"
+PLACE_DEG = 47.4, 8.5
+
+
+@pytest.mark.parametrize(
+    ("given", "place_deg", "turn_rad", "outcomes"),
+    [
+        ((ON_EARTH, ATTACHED, "start"), (47.4, 8.50001), 0.1, ["ok"]),
+        ((ON_EARTH, ATTACHED, "start"), (47.4, 8.5004), 0.0, ["refused"]),
+        ((ON_EARTH, ATTACHED, "start"), PLACE_DEG, 1.0, ["refused"]),
+        ((ON_EARTH, ATTACHED, "start"), None, 0.0, ["refused"]),
+        ((ON_EARTH, ATTACHED, "mocap"), (47.4, 8.5004), 0.0, []),
+        ((ON_EARTH, "embedded", "start"), (47.4, 8.5004), 0.0, []),
+        ((FENCE, ATTACHED, "start"), (47.4, 8.5004), 0.0, []),
+    ],
+)
+def test_a_fence_in_degrees_is_not_shifted_with_an_attached_vehicle(
+    tmp_path: Path,
+    given: tuple[str, str, Any],
+    place_deg: tuple[float, float] | None,
+    turn_rad: float,
+    outcomes: list[str],
+) -> None:
+    """Its world begins where it stands; the fence was drawn elsewhere on the map."""
+    fence, link, anchor = given
+    options = ExpansionOptions(sets=(fence, f"vehicles.twin.link={link}"))
+    ((_, case),) = load_campaign(write_hover(tmp_path), options).setups.items()
+    twin = replace(case.vehicles["twin"], anchor=anchor)
+    setup: Any = SimpleNamespace(
+        case=replace(case, vehicles={"twin": twin}), flown=lambda _: twin, vehicle=lambda _: twin
+    )
+    driver = SimpleNamespace(place_deg=place_deg, anchor=Anchor((0.0, 0.0, 0.0), turn_rad))
+    context: Any = SimpleNamespace(name="twin", driver=driver)
+    items = PreflightChecks(setup=setup, note=lambda *_, **__: None)._place(context)
+    assert [item.outcome for item in items] == outcomes
 
 
 def test_preflight_checks_are_in_the_result_and_the_log(fly_run: Fly) -> None:

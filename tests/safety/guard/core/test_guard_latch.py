@@ -79,6 +79,19 @@ def test_what_somebody_else_armed_is_brought_down_by_an_abort_alone(
     assert pair.core.all_down
 
 
+def test_parameters_are_restored_after_a_run_that_armed_nothing(
+    fake_vehicle: Any, rig: Any
+) -> None:
+    pair = make_pair(fake_vehicle, rig, real={"armed": False, "up_m": 0.0}, attached=True)
+    pair.vehicles["twin"].armed = False
+    pair.fly(2.0)
+    pair.apply(pair.core.apply(BringDown("not armed, as --no-arm asks"), pair.t_s))
+    pair.fly(2.0)
+    sets = DRIVER.pack(mavlink.MAVLink_param_set_message(1, 1, b"NAV_DLL_ACT", 0.0, 6))
+    pair.apply(pair.core.from_orchestrator("real", sets, pair.t_s))
+    assert "PARAM_SET" in pair.vehicles["real"].words()
+
+
 def test_zero_setpoints_stream_until_the_hold_is_seen(fake_vehicle: Any, rig: Any) -> None:
     pair = make_pair(fake_vehicle, rig, real={"ignores": frozenset({FlightMode.HOLD})})
     abort(pair)
