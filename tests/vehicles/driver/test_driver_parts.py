@@ -402,6 +402,14 @@ def test_a_parameter_without_an_answer_says_what_else_the_vehicle_sent(
         peer.muted = True
         await parameters.get("SOME_PARAM")
 
+    async def lossy(peer: Any, session: MavlinkSession) -> None:
+        parameters = OnboardParameters(session=session)
+        await parameters.get("SOME_PARAM")
+        peer.replies["PARAM_SET"] = lambda peer, message: None
+        await parameters.set("SOME_PARAM", 2.0)
+
+    with pytest.raises(ParameterError, match="answered for it before: the link loses messages"):
+        _run(fake_pair, lossy, prepare)
     with pytest.raises(ParameterError, match="answered for other parameters: most likely this"):
         _run(fake_pair, known, prepare)
     with pytest.raises(ParameterError, match="nothing else was received from the vehicle"):

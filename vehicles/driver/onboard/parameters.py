@@ -87,7 +87,7 @@ class OnboardParameters:
         self._vehicle = ""
         self._turn = asyncio.Lock()
         self._waiting: tuple[str, asyncio.Future[_Answer]] | None = None
-        self._answered = False
+        self._answered: set[str] = set()
         session.on(mavlink.MAVLINK_MSG_ID_PARAM_VALUE, self._on_value)
         session.on(mavlink.MAVLINK_MSG_ID_PARAM_ERROR, self._on_error)
 
@@ -185,14 +185,16 @@ class OnboardParameters:
                 self._waiting = None
         raise ParameterError(
             f"{self._session.link.name}: no reply for parameter {name}, requested "
-            f"{self._tries} times; {self._likely_cause(since_s)}"
+            f"{self._tries} times; {self._likely_cause(name, since_s)}"
         )
 
-    def _likely_cause(self, since_s: float) -> str:
+    def _likely_cause(self, name: str, since_s: float) -> str:
         """Return the most likely cause of a missing reply, by what was received since a time."""
         last_received_s = self._session.last_received_s
         if last_received_s is None or last_received_s < since_s:
             return "nothing else was received from the vehicle meanwhile: the link is down"
+        if name in self._answered:
+            return "the vehicle has answered for it before: the link loses messages, or it is busy"
         if self._answered:
             return (
                 "the vehicle is received and has answered for other parameters: most likely this "
@@ -208,7 +210,7 @@ class OnboardParameters:
             return
         name, future = self._waiting
         if message.param_id == name:
-            self._answered = True
+            self._answered.add(name)
             value = decode_parameter(
                 message.param_value, message.param_type, bytewise=self._bytewise
             )
