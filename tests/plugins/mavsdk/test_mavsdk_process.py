@@ -181,6 +181,9 @@ async def test_a_process_that_is_killed_is_an_error_at_once(fake_pair: Callable[
             await waits
         assert time.monotonic() - began_s < 30.0
         assert [str(error) for error in failures] == [str(failures[0])]
+        peer.armed = False
+        peer.heartbeat()
+        await until(lambda: not driver.state.armed)
         for order in (driver.land, driver.arm, driver.hold):
             with pytest.raises(VehicleError, match=said):
                 await order()
