@@ -3,6 +3,7 @@
 How much a recording may lack before its run is INVALID; pure.
 """
 
+import os
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import AbstractContextManager, ExitStack
 from pathlib import Path
@@ -134,6 +135,8 @@ class RunRecorder:
         finally:
             self._guard_write(self._stack.close)
             self._look_for_removed()
+            if not os.access(self._folder, os.W_OK):  # the result has to be written there
+                self._break(f"{self._folder} has become read-only")
 
     def _guard_write(self, write: Callable[..., None], *args: Any, **details: Any) -> None:
         """Call a write function; its failure breaks the recorder, not the flight."""
