@@ -72,8 +72,11 @@ def test_live_messages_equal_run_mcap_and_no_client_changes_the_flight(
     said: list[str] = []
     are_subscribed: list[bool] = []
 
-    def subscribed() -> bool:
-        return are_subscribed[0] if are_subscribed else seen.has_subscribed("/log")
+    def wait_for_client(progress: Any) -> None:
+        """Let the flight wait, in its first moment and until its poses are sent."""
+        are_subscribed.append(are_subscribed[0] if are_subscribed else seen.has_subscribed("/log"))
+        if getattr(progress, "stage", "") == "goal":
+            are_subscribed.extend(seen.has_subscribed(f"/{name}/pose") for name in ("real", "twin"))
 
     with (
         foxglove_beside("127.0.0.1:0", said.append),
@@ -86,11 +89,9 @@ def test_live_messages_equal_run_mcap_and_no_client_changes_the_flight(
             listening(of_others) as nothing,
             never_reading(port, channels=5),
         ):
-            # A flight in virtual time is soon over: it waits in its first moment for the client.
-            watched, folder = fly_run(
-                sets=sets, report=lambda _: are_subscribed.append(subscribed())
-            )
-            assert are_subscribed[0]
+            # A flight in virtual time is soon over.
+            watched, folder = fly_run(sets=sets, report=wait_for_client)
+            assert all(are_subscribed)
             seen.has("/log", name="stage", text="end")
         assert nothing.of("/run") == nothing.of("/log") == []
     assert watched.verdict == "PASS"
