@@ -229,7 +229,10 @@ class MixingLoop:
             mixed = MixedReading(mixed.reading, provenance)
             unbounded = registration.unbounded
             self.statistics.unbounded = unbounded or self.statistics.unbounded
-        self._account(mixed, now_s)
+        delivered_s = asyncio.get_running_loop().time()
+        if delivered_s > now_s:
+            mixed = _delivered(mixed, delivered_s, mixing_s=delivered_s - now_s)
+        self._account(mixed, delivered_s)
         frame = MixedFrame(self.name, self.mixer.sensor, real, twin, mixed, visibility, unbounded)
         self._on_mixture(frame)
 
@@ -323,6 +326,19 @@ class MixingLoop:
         ):
             if value is not None:
                 samples.add(value)
+
+
+def _delivered(
+    mixed: MixedReading[Reading], delivered_s: float, *, mixing_s: float
+) -> MixedReading[Reading]:
+    """Return a mixture as of its delivery: on a clock that goes on, mixing took its time."""
+    reading, provenance = mixed.reading, mixed.provenance
+    if reading is not None:
+        reading = replace(reading, arrived_s=delivered_s)
+    if provenance.latency_ms is not None:
+        latency_ms = provenance.latency_ms + mixing_s * 1e3
+        provenance = replace(provenance, latency_ms=latency_ms)
+    return MixedReading(reading, provenance)
 
 
 def _is_big(reading: Reading) -> bool:

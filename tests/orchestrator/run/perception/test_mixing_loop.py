@@ -2,6 +2,7 @@
 
 import asyncio
 import math
+import time
 from collections.abc import Awaitable, Callable
 from dataclasses import replace
 from types import SimpleNamespace
@@ -24,6 +25,7 @@ from wil_campaign.orchestrator.state.mixtures import MixedFrame
 from wil_campaign.orchestrator.state.run_state import RunState
 from wil_campaign.recipes.language.recipe_document import load_recipe
 from wil_campaign.recipes.model.recipe import MixingBudget
+from wil_campaign.recipes.pipeline.budgets import budget_breach
 from wil_campaign.recipes.pipeline.pipeline import compile_recipe
 from wil_campaign.recipes.visibility.coverage import VisibilityCoverage
 from wil_campaign.recipes.visibility.model import FrameVisibility, ObjectVisibility
@@ -535,6 +537,35 @@ def test_the_registration_error_is_that_of_the_real_exposure() -> None:
     ((drawn_s, exposed_s),) = reported
     assert drawn_s == pytest.approx(1.09)
     assert exposed_s == 1.0
+
+
+def test_the_latency_includes_what_the_mixing_itself_takes() -> None:
+    """On a clock that goes on meanwhile the autonomy gets the mixture only then."""
+
+    def registered(_twin: Reading, _exposed_s: float) -> RegistrationError:
+        time.sleep(0.05)
+        return RegistrationError(bound_px=2.5)
+
+    async def run() -> Rig:
+        rig = Rig(REGISTERED, sensor="camera", twin=Slow(0.0), registration=registered)
+        t_s = asyncio.get_running_loop().time()
+        rig.poses.add(t_s, Pose((0, 0, 0)))
+        rig.real(t_s, made=camera(source="real"))
+        await rig.run(t_s + 0.2)
+        return rig
+
+    rig = asyncio.run(run())
+    ((came_s, frame),) = rig.frames
+    assert frame.mixed.reading is not None
+    assert frame.mixed.reading.arrived_s == pytest.approx(came_s, abs=0.01)
+    assert frame.mixed.provenance.latency_ms == pytest.approx(
+        (came_s - frame.real.t_s) * 1e3, abs=10
+    )
+    assert frame.mixed.provenance.latency_ms >= 50.0
+    assert (
+        budget_breach(MixingBudget(max_skew_s=0.1, max_latency_s=0.045), frame.mixed.provenance)
+        is not None
+    )
 
 
 def test_a_step_that_fails_ends_the_mixing_with_its_place(tmp_path: Any) -> None:
