@@ -21,6 +21,7 @@ from wil_campaign.worlds.scene.scene import SceneObject
 Pictured = CameraSetup | DepthSetup
 _REPORTED_S = 3.0
 """How long a reported accuracy holds; it is requested twice a second."""
+_NO_POSE = "real has no pose near the exposure"
 
 
 class Registrar:
@@ -48,7 +49,9 @@ class Registrar:
 
         It measures nothing for an image of unknown pose, nor where nothing virtual is in view.
         The truth of an embedded vehicle is no reference for external images, and a simulator's
-        ground truth is none for images which that simulator rendered.
+        ground truth is none for images which that simulator rendered. The bound includes what the
+        vehicle moves while the newest pose is older than the exposure, and within the uncertainty
+        of its clock: as it moved in so much time before.
         """
         twin_camera = _camera_setup(self._setup.vehicle("twin"), camera.name)
         real, shown_as = self._contexts["real"], _image_source_name(camera)
@@ -59,9 +62,12 @@ class Registrar:
         def registered(twin: Reading, exposed_s: float) -> RegistrationError:
             drawn_from = self._drawn_from(twin, twin_camera)
             truth = real.truth.at(exposed_s).pose if has_truth else None
-            reference = real.poses.at(exposed_s).pose if truth is None else truth
-            if drawn_from is None or reference is None or shown_as == "file":
+            known = real.poses.at(exposed_s)
+            reference = known.pose if truth is None else truth
+            if drawn_from is None or shown_as == "file":
                 return RegistrationError()
+            if reference is None:
+                return RegistrationError(unbounded=_NO_POSE)
             corners, here = self._corners(exposed_s), camera.mount.camera_pose(reference)
             seen = seen_points(
                 zip(self._corners(twin.t_s), corners, strict=True),
@@ -75,15 +81,27 @@ class Registrar:
             accuracy = self._accuracy(exposed_s)
             if isinstance(accuracy, str):
                 return RegistrationError(unbounded=accuracy)
+            points = [point for point, _ in seen]
             doubt_px = uncertainty_px(
-                [point for point, _ in seen],
-                intrinsics=camera.intrinsics,
-                camera=here,
-                accuracy=accuracy,
+                points, intrinsics=camera.intrinsics, camera=here, accuracy=accuracy
             )
+            late_s = known.gap_s if known.kind == "latest" else 0.0
+            doubt_s = late_s + (self._clock_doubt_s() if shown_as == "live" else 0.0)
+            if doubt_s > 0.0:
+                before = real.poses.at(exposed_s - late_s - doubt_s).pose
+                if before is None:
+                    return RegistrationError(unbounded=_NO_POSE)
+                there = camera.mount.camera_pose(before)
+                doubt_px += moved_px(points, camera.intrinsics, there, here)
             return RegistrationError(bound_px=error_px + doubt_px)
 
         return registered
+
+    def _clock_doubt_s(self) -> float:
+        """Return by how much the real vehicle's poses may be off in time beside live images."""
+        if self._setup.vehicle("real").pose_source == "mocap":
+            return 0.0
+        return self._contexts["real"].driver.clock.uncertainty_s or 0.0
 
     def _drawn_from(self, twin: Reading, camera: Pictured | None) -> Pose | None:
         """Return the pose a twin's image was rendered from; for a live camera the twin's own."""
@@ -186,6 +204,17 @@ def uncertainty_px(
         angle_rad = math.hypot(accuracy.position_m / away_m, accuracy.attitude_rad)
         doubts_px.append(_SIGMAS * focal_px * (away_m / local[0]) ** 2 * angle_rad)
     return _rms(doubts_px)
+
+
+def moved_px(
+    points_ned_m: Iterable[Vec3], intrinsics: Intrinsics, before: Pose, now: Pose
+) -> float:
+    """Return by how many pixels seen points move between two camera poses, RMS."""
+    pixels = (
+        (intrinsics.project(before.to_local(point)), intrinsics.project(now.to_local(point)))
+        for point in points_ned_m
+    )
+    return _rms([math.dist(old, new) for old, new in pixels if old and new])
 
 
 def _rms(values: Sequence[float]) -> float:
