@@ -135,6 +135,24 @@ def test_a_twin_that_is_ahead_or_behind_is_met_at_the_nearest_moment() -> None:
     assert len(rig.provenances) == 5
 
 
+@pytest.mark.parametrize(("rate_hz", "late_s"), [(60, 0.2), (30, 0.45), (15, 0.06)])
+def test_the_twins_image_of_a_moment_is_kept_until_the_late_real_one_has_come(
+    rate_hz: int, late_s: float
+) -> None:
+    """A live camera over a radio is late by more than eight images of a fast simulator."""
+
+    def feed(rig: Rig) -> None:
+        for k in range(2 * rate_hz):
+            rig.twin(1 + k / rate_hz, late_s=0.01, made=camera())
+        for k in range(15):
+            rig.real(1 + k / 15, late_s=late_s, made=camera(source="real"))
+
+    body = "merge: {overlay: {priority: [real, twin]}}, max_skew_ms: 20"
+    rig = flown(lambda: Rig(body, sensor="camera", period_s=1 / 15), feed, 3.5)
+    assert [frame.mixed.provenance.dropped for _, frame in rig.frames] == [None] * 15
+    assert all(provenance.skew_ms < 1.0 for provenance in rig.provenances)
+
+
 def test_a_reading_waits_at_most_a_period_and_a_stale_twin_is_dropped() -> None:
     def feed(rig: Rig) -> None:
         rig.twin(1.0)
