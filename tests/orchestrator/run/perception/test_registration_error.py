@@ -220,6 +220,13 @@ def test_a_live_picture_of_the_twin_is_of_the_twins_own_place(scene: Scene) -> N
     for k in range(100):
         scene.twin.poses.add(k / 100, Pose((0.0, k / 100 + 0.3, -0.5)))
     assert 40.0 < within(scene.registration()(picture, 0.5)) - beside < 60.0
+    scene.twin.poses = turning(0.42)
+    late_px = within(scene.registration()(picture, 0.5))
+    scene.twin.poses = turning(1.0)
+    assert late_px > within(scene.registration()(picture, 0.5)) + 30.0
+    scene.twin.poses = PoseHistory(2.0)
+    found = scene.registration()(picture, 0.5)
+    assert found == RegistrationError(unbounded="twin has no pose near the exposure")
 
 
 @pytest.mark.parametrize(
