@@ -32,7 +32,8 @@ from wil_campaign.vehicles.readings import CameraReading, Reading
 _MOST_RECENT = 512
 """Readings kept per sensor: a mixture is recorded some periods after its readings."""
 _MOST_BYTES = 512 * 1024 * 1024
-_COMPARED = ("dropped", "real_seq", "twin_seq", "skew_ms", "latency_ms", "alignment")
+_COMPARED = ("dropped", "real_seq", "real_t_s", "twin_seq", "skew_ms", "alignment")
+"""Not the latency: in a flight it includes the time that the mixing took."""
 
 Key = tuple[str, str]
 

@@ -25,14 +25,15 @@ class Provenance:
 
     real_*, twin_*: number and middle of exposure (run clock) of the inputs, of the selected one
     where a step selects among several; None without one. skew_ms: absolute difference of the
-    exposures; None when one is missing. latency_ms: from the real exposure to now; None without a
-    real reading. alignment: how the pose of the twin's reading was determined, from the caller.
-    dropped: why the twin's reading is not in the mixture, or why there is no mixture; None for a
-    full one. detail: the same in a sentence. stages: empty without a clock, so that virtual runs
-    repeat to the byte. registration_error_px: RMS distance between virtual objects as drawn and an
-    independent reference, as the caller measured; None without one. registration_bound_px: without
-    a reference, the bound of that error from the accuracy of the pose. mixed_s: time of mixing, run
-    clock. given_*: numbers of the readings that the mixer received.
+    exposures; None when one is missing. latency_ms: from the real exposure to `mixed_s`, until the
+    caller adds what the mixing took; None without a real reading. alignment: how the pose of the
+    twin's reading was determined, from the caller. dropped: why the twin's reading is not in the
+    mixture, or why there is no mixture; None for a full one. detail: the same in a sentence.
+    stages: empty without a clock, so that virtual runs repeat to the byte. registration_error_px:
+    RMS distance between virtual objects as drawn and an independent reference, as the caller
+    measured; None without one. registration_bound_px: without a reference, the bound of that error
+    from the accuracy of the pose. mixed_s: when the mixing began, run clock. given_*: numbers of
+    the readings that the mixer received.
     """
 
     real_seq: int | None

@@ -29,6 +29,8 @@ when the loop was busy."""
 _MOST_KEPT_BIG = 8
 _MOST_KEPT_SMALL = 64
 """Most readings that are kept: of the twin, to find that of a time; of the real sensor, undue."""
+_MOST_AWAITED_BIG = 32
+"""The same of the twin's images that real ones, which come later, may still need."""
 _EARLY_S = 1e-6
 
 
@@ -102,7 +104,7 @@ class MixingLoop:
         self._period_s = 0.0 if rate_hz is None else 1.0 / rate_hz
         self._early_s = max(_EARLY_S, min(period_s, self._period_s) / 2.0 - _EARLY_S)
         self._due_s = 0.0
-        self._requested_s = 0.0
+        self._requested_s = self._mixed_s = 0.0
         self._registration = registration
         self.probe = probe
         self.unmeasured = unmeasured
@@ -167,9 +169,12 @@ class MixingLoop:
         if fault is not None:
             self._on_fault(fault)
             return
-        if _is_big(reading) and len(self._twin_readings) >= _MOST_KEPT_BIG:
-            self._twin_readings.popleft()
-        self._twin_readings.append(reading)
+        kept = self._twin_readings
+        while _is_big(reading) and len(kept) >= _MOST_KEPT_BIG:
+            if len(kept) < _MOST_AWAITED_BIG and kept[1].t_s > self._mixed_s:
+                break
+            kept.popleft()
+        kept.append(reading)
         self._arrived.set()
 
     async def run(self) -> None:
@@ -201,6 +206,7 @@ class MixingLoop:
         if self._twin is None:
             await self._await_twin()
             real = self._next_due()
+            self._mixed_s = real.t_s
             twin, alignment = self._nearest(real.t_s), "as it came"
         else:
             real = self._next_due()
@@ -229,7 +235,10 @@ class MixingLoop:
             mixed = MixedReading(mixed.reading, provenance)
             unbounded = registration.unbounded
             self.statistics.unbounded = unbounded or self.statistics.unbounded
-        self._account(mixed, now_s)
+        delivered_s = asyncio.get_running_loop().time()
+        if delivered_s > now_s:
+            mixed = _delivered(mixed, delivered_s, mixing_s=delivered_s - now_s)
+        self._account(mixed, delivered_s)
         frame = MixedFrame(self.name, self.mixer.sensor, real, twin, mixed, visibility, unbounded)
         self._on_mixture(frame)
 
@@ -323,6 +332,19 @@ class MixingLoop:
         ):
             if value is not None:
                 samples.add(value)
+
+
+def _delivered(
+    mixed: MixedReading[Reading], delivered_s: float, *, mixing_s: float
+) -> MixedReading[Reading]:
+    """Return a mixture as of its delivery: on a clock that goes on, mixing took its time."""
+    reading, provenance = mixed.reading, mixed.provenance
+    if reading is not None:
+        reading = replace(reading, arrived_s=delivered_s)
+    if provenance.latency_ms is not None:
+        latency_ms = provenance.latency_ms + mixing_s * 1e3
+        provenance = replace(provenance, latency_ms=latency_ms)
+    return MixedReading(reading, provenance)
 
 
 def _is_big(reading: Reading) -> bool:

@@ -13,6 +13,7 @@ from wil_campaign.orchestrator.state.vehicle_context import VehicleContext
 from wil_campaign.vehicles.autopilots.autopilot import Autopilot
 from wil_campaign.vehicles.autopilots.registry import autopilot_named
 from wil_campaign.vehicles.mavlink.names import message_name
+from wil_campaign.vehicles.poses.pose_history import PoseHistory
 from wil_campaign.vehicles.readings import CameraReading, DepthReading, Reading
 from wil_campaign.worlds.camera import Intrinsics
 from wil_campaign.worlds.frames import Pose, Vec3, norm
@@ -21,6 +22,7 @@ from wil_campaign.worlds.scene.scene import SceneObject
 Pictured = CameraSetup | DepthSetup
 _REPORTED_S = 3.0
 """How long a reported accuracy holds; it is requested twice a second."""
+_NO_POSE = "{} has no pose near the exposure"
 
 
 class Registrar:
@@ -48,20 +50,26 @@ class Registrar:
 
         It measures nothing for an image of unknown pose, nor where nothing virtual is in view.
         The truth of an embedded vehicle is no reference for external images, and a simulator's
-        ground truth is none for images which that simulator rendered.
+        ground truth is none for images which that simulator rendered. The bound includes what the
+        vehicle moves while the newest pose is older than the exposure, and within the uncertainty
+        of its clock: as it moved in so much time before.
         """
         twin_camera = _camera_setup(self._setup.vehicle("twin"), camera.name)
+        is_live_twin = twin_camera is not None and _image_source_name(twin_camera) == "live"
         real, shown_as = self._contexts["real"], _image_source_name(camera)
         vehicle = self._setup.vehicle("real")
         independent = vehicle.embedded or vehicle.pose_source != "simulator"
         has_truth = shown_as == "rendered" and independent
 
         def registered(twin: Reading, exposed_s: float) -> RegistrationError:
-            drawn_from = self._drawn_from(twin, twin_camera)
+            drawn_from, drawn_before = self._drawn_from(twin, twin_camera)
             truth = real.truth.at(exposed_s).pose if has_truth else None
             reference = real.poses.at(exposed_s).pose if truth is None else truth
-            if drawn_from is None or reference is None or shown_as == "file":
+            if shown_as == "file" or (drawn_from is None and not is_live_twin):
                 return RegistrationError()
+            if drawn_from is None or reference is None:
+                name = "twin" if drawn_from is None else "real"
+                return RegistrationError(unbounded=_NO_POSE.format(name))
             corners, here = self._corners(exposed_s), camera.mount.camera_pose(reference)
             seen = seen_points(
                 zip(self._corners(twin.t_s), corners, strict=True),
@@ -75,24 +83,40 @@ class Registrar:
             accuracy = self._accuracy(exposed_s)
             if isinstance(accuracy, str):
                 return RegistrationError(unbounded=accuracy)
-            doubt_px = uncertainty_px(
-                [point for point, _ in seen],
-                intrinsics=camera.intrinsics,
-                camera=here,
-                accuracy=accuracy,
-            )
+            clock_s = self._clock_doubt_s() if shown_as == "live" else 0.0
+            before = _pose_before(real.poses, exposed_s, clock_s)
+            if before is None or drawn_before is None:
+                name = "real" if before is None else "twin"
+                return RegistrationError(unbounded=_NO_POSE.format(name))
+            points, lens = [point for point, _ in seen], camera.intrinsics
+            doubt_px = uncertainty_px(points, intrinsics=lens, camera=here, accuracy=accuracy)
+            doubt_px += moved_px(points, lens, camera.mount.camera_pose(before), here)
+            doubt_px += moved_px(points, lens, drawn_before, drawn_from)
             return RegistrationError(bound_px=error_px + doubt_px)
 
         return registered
 
-    def _drawn_from(self, twin: Reading, camera: Pictured | None) -> Pose | None:
-        """Return the pose a twin's image was rendered from; for a live camera the twin's own."""
+    def _clock_doubt_s(self) -> float:
+        """Return by how much the real vehicle's poses may be off in time beside live images."""
+        if self._setup.vehicle("real").pose_source == "mocap":
+            return 0.0
+        return self._contexts["real"].driver.clock.uncertainty_s or 0.0
+
+    def _drawn_from(
+        self, twin: Reading, camera: Pictured | None
+    ) -> tuple[Pose | None, Pose | None]:
+        """Return the pose a twin's image was rendered from, and `_pose_before` it.
+
+        For a live camera it is the twin's own; else it is known, and both are the same.
+        """
         if not isinstance(twin, CameraReading | DepthReading):
-            return None
+            return None, None
         if twin.camera_pose is not None or camera is None or _image_source_name(camera) != "live":
-            return twin.camera_pose
-        body = self._contexts["twin"].poses.at(twin.t_s).pose
-        return None if body is None else camera.mount.camera_pose(body)
+            return twin.camera_pose, twin.camera_pose
+        poses = self._contexts["twin"].poses
+        bodies = poses.at(twin.t_s).pose, _pose_before(poses, twin.t_s, 0.0)
+        here, before = (body and camera.mount.camera_pose(body) for body in bodies)
+        return here, before
 
     def _accuracy(self, t_s: float) -> PoseAccuracy | str:
         """Return the accuracy of the real vehicle's pose, or in words why it is unknown.
@@ -117,6 +141,16 @@ class Registrar:
             for pose in (thing.pose_at(t_s, self._events),)
             for corner in corners
         ]
+
+
+def _pose_before(poses: PoseHistory, t_s: float, clock_s: float) -> Pose | None:
+    """Return where a vehicle was before its pose at a moment, by the doubt of that pose's time.
+
+    That is by how much its newest pose is older, and clock_s. Without doubt it is the same pose.
+    """
+    known = poses.at(t_s)
+    late_s = known.gap_s if known.kind == "latest" else 0.0
+    return poses.at(t_s - 2.0 * late_s - clock_s).pose if late_s + clock_s > 0.0 else known.pose
 
 
 def no_accuracy_text(autopilot: Autopilot) -> str:
@@ -186,6 +220,17 @@ def uncertainty_px(
         angle_rad = math.hypot(accuracy.position_m / away_m, accuracy.attitude_rad)
         doubts_px.append(_SIGMAS * focal_px * (away_m / local[0]) ** 2 * angle_rad)
     return _rms(doubts_px)
+
+
+def moved_px(
+    points_ned_m: Iterable[Vec3], intrinsics: Intrinsics, before: Pose, now: Pose
+) -> float:
+    """Return by how many pixels seen points move between two camera poses, RMS."""
+    pixels = (
+        (intrinsics.project(before.to_local(point)), intrinsics.project(now.to_local(point)))
+        for point in points_ned_m
+    )
+    return _rms([math.dist(old, new) for old, new in pixels if old and new])
 
 
 def _rms(values: Sequence[float]) -> float:

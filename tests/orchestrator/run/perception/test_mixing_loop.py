@@ -2,6 +2,7 @@
 
 import asyncio
 import math
+import time
 from collections.abc import Awaitable, Callable
 from dataclasses import replace
 from types import SimpleNamespace
@@ -24,6 +25,7 @@ from wil_campaign.orchestrator.state.mixtures import MixedFrame
 from wil_campaign.orchestrator.state.run_state import RunState
 from wil_campaign.recipes.language.recipe_document import load_recipe
 from wil_campaign.recipes.model.recipe import MixingBudget
+from wil_campaign.recipes.pipeline.budgets import budget_breach
 from wil_campaign.recipes.pipeline.pipeline import compile_recipe
 from wil_campaign.recipes.visibility.coverage import VisibilityCoverage
 from wil_campaign.recipes.visibility.model import FrameVisibility, ObjectVisibility
@@ -131,6 +133,24 @@ def test_a_twin_that_is_ahead_or_behind_is_met_at_the_nearest_moment() -> None:
     rig = flown(Rig, feed)
     assert all(provenance.skew_ms <= 12.5 for provenance in rig.provenances)
     assert len(rig.provenances) == 5
+
+
+@pytest.mark.parametrize(("rate_hz", "late_s"), [(60, 0.2), (30, 0.45), (15, 0.06)])
+def test_the_twins_image_of_a_moment_is_kept_until_the_late_real_one_has_come(
+    rate_hz: int, late_s: float
+) -> None:
+    """A live camera over a radio is late by more than eight images of a fast simulator."""
+
+    def feed(rig: Rig) -> None:
+        for k in range(2 * rate_hz):
+            rig.twin(1 + k / rate_hz, late_s=0.01, made=camera())
+        for k in range(15):
+            rig.real(1 + k / 15, late_s=late_s, made=camera(source="real"))
+
+    body = "merge: {overlay: {priority: [real, twin]}}, max_skew_ms: 20"
+    rig = flown(lambda: Rig(body, sensor="camera", period_s=1 / 15), feed, 3.5)
+    assert [frame.mixed.provenance.dropped for _, frame in rig.frames] == [None] * 15
+    assert all(provenance.skew_ms < 1.0 for provenance in rig.provenances)
 
 
 def test_a_reading_waits_at_most_a_period_and_a_stale_twin_is_dropped() -> None:
@@ -535,6 +555,34 @@ def test_the_registration_error_is_that_of_the_real_exposure() -> None:
     ((drawn_s, exposed_s),) = reported
     assert drawn_s == pytest.approx(1.09)
     assert exposed_s == 1.0
+
+
+def test_the_latency_includes_what_the_mixing_itself_takes() -> None:
+    """On a clock that goes on meanwhile the autonomy gets the mixture only then."""
+
+    def registered(_twin: Reading, _exposed_s: float) -> RegistrationError:
+        time.sleep(0.05)
+        return RegistrationError(bound_px=2.5)
+
+    async def run() -> Rig:
+        rig = Rig(REGISTERED, sensor="camera", twin=Slow(0.0), registration=registered)
+        t_s = asyncio.get_running_loop().time()
+        rig.poses.add(t_s, Pose((0, 0, 0)))
+        rig.real(t_s, made=camera(source="real"))
+        await rig.run(t_s + 0.2)
+        return rig
+
+    rig = asyncio.run(run())
+    ((came_s, frame),) = rig.frames
+    reading, provenance = frame.mixed.reading, frame.mixed.provenance
+    assert frame.real is not None
+    assert reading is not None
+    assert provenance.latency_ms is not None
+    assert reading.arrived_s == pytest.approx(came_s, abs=0.01)
+    assert provenance.latency_ms == pytest.approx((came_s - frame.real.t_s) * 1e3, abs=10)
+    assert provenance.latency_ms >= 50.0
+    budget = MixingBudget(max_skew_s=0.1, max_latency_s=0.045)
+    assert budget_breach(budget, provenance) is not None
 
 
 def test_a_step_that_fails_ends_the_mixing_with_its_place(tmp_path: Any) -> None:

@@ -220,6 +220,13 @@ def test_a_live_picture_of_the_twin_is_of_the_twins_own_place(scene: Scene) -> N
     for k in range(100):
         scene.twin.poses.add(k / 100, Pose((0.0, k / 100 + 0.3, -0.5)))
     assert 40.0 < within(scene.registration()(picture, 0.5)) - beside < 60.0
+    scene.twin.poses = turning(0.42)
+    late_px = within(scene.registration()(picture, 0.5))
+    scene.twin.poses = turning(1.0)
+    assert late_px > within(scene.registration()(picture, 0.5)) + 30.0
+    scene.twin.poses = PoseHistory(2.0)
+    found = scene.registration()(picture, 0.5)
+    assert found == RegistrationError(unbounded="twin has no pose near the exposure")
 
 
 @pytest.mark.parametrize(
@@ -246,20 +253,70 @@ def test_a_simulators_ground_truth_is_no_reference_for_what_it_has_drawn_itself(
         assert within(found) > 10.0
 
 
+def turning(until_s: float) -> PoseHistory:
+    """Return the poses, until a time, of a vehicle that turns by a radian a second."""
+    poses = PoseHistory(2.0)
+    for k in range(round(until_s * 100) + 1):
+        poses.add(k / 100, Pose.of(0.0, 0.0, 0.5, yaw_rad=k / 100 - 0.5))
+    return poses
+
+
+LIVE = SourceSetup(kind="rtp", address="rtp://127.0.0.1:5600")
+
+
+def test_the_bound_includes_what_the_vehicle_turns_while_its_newest_pose_is_old(
+    scene: Scene,
+) -> None:
+    scene.real.poses = turning(0.5)
+    drawn = replace(scene.drawn(0.5), t_s=0.5)
+    bound_px = within(scene.registration(LIVE)(drawn, 0.58))
+    scene.real.truth = turning(1.0)
+    error_px = scene.registration()(drawn, 0.58).error_px
+    assert error_px is not None
+    assert error_px > 30.0
+    assert bound_px > error_px
+
+
+def test_the_bound_includes_how_well_the_clock_of_the_poses_is_known(scene: Scene) -> None:
+    """A live image and a pose that seem to be of one moment may be of two."""
+    by_its_estimate(scene, "px4", ReportedAccuracy(0.4, 0.002, 0.001), clock_s=0.05)
+    scene.real.poses = turning(0.7)
+    bound_px = within(scene.registration(LIVE)(scene.drawn(0.5), 0.5))
+    scene.real.truth = turning(1.0)
+    error_px = scene.registration()(scene.drawn(0.5), 0.55).error_px
+    assert error_px is not None
+    assert error_px > 20.0
+    assert bound_px > error_px
+
+
+def test_an_image_within_a_gap_of_the_poses_has_no_bound(scene: Scene) -> None:
+    """An image drawn by `hold` is shown although nobody knows where the vehicle was."""
+    drawn = scene.drawn(0.9)
+    scene.real.poses.add(2.0, Pose((0.0, 2.0, -0.5)))
+    found = scene.registration()(drawn, 1.2)
+    assert (found.error_px, found.bound_px) == (None, None)
+    assert found.unbounded == "real has no pose near the exposure"
+
+
 class Driven:
     """The part of a driver that says who flies, and how exact its estimator takes itself for."""
 
-    def __init__(self, autopilot: str, newest: ReportedAccuracy | None) -> None:
+    def __init__(
+        self, autopilot: str, newest: ReportedAccuracy | None, clock_s: float = 0.0
+    ) -> None:
+        self.clock = SimpleNamespace(uncertainty_s=clock_s)
         self.identity = SimpleNamespace(autopilot=autopilot)
         self.accuracy = SimpleNamespace(newest=newest)
 
 
-def by_its_estimate(scene: Scene, autopilot: str, newest: ReportedAccuracy | None) -> None:
+def by_its_estimate(
+    scene: Scene, autopilot: str, newest: ReportedAccuracy | None, clock_s: float = 0.0
+) -> None:
     """Judge the real vehicle by its estimate, whose accuracy the campaign does not state."""
     real = replace(scene.setup.vehicle("real"), pose_source="mavlink", accuracy_given=False)
     others = tuple(vehicle for vehicle in scene.setup.vehicles if vehicle.name != "real")
     scene.setup = replace(scene.setup, vehicles=(real, *others))
-    scene.real.driver = Driven(autopilot, newest)
+    scene.real.driver = Driven(autopilot, newest, clock_s)
 
 
 def test_an_estimate_is_bounded_by_the_covariance_that_it_reports(scene: Scene) -> None:
