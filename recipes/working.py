@@ -3,7 +3,7 @@
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, Generic, Literal, Protocol, TypeVar
+from typing import Any, Generic, Literal, Protocol, TypeVar, get_args
 
 from wil_campaign.vehicles.readings import Mask, Reading
 from wil_campaign.vehicles.readings.kinds import traits_of
@@ -110,9 +110,15 @@ class AlignedPose:
 
 
 class CannotMixError(Exception):
-    """A step cannot work on this frame; the overlay is left out, counted under `reason`."""
+    """A step cannot work on this frame; the overlay is left out, counted under `reason`.
+
+    Raises ValueError for any other reason: an empty one would count as mixed.
+    """
 
     def __init__(self, reason: DropReason, message: str) -> None:
+        if reason not in get_args(DropReason):
+            known = ", ".join(get_args(DropReason))
+            raise ValueError(f"CannotMixError has no reason {reason!r}: there are {known}")
         super().__init__(message)
         self.reason: DropReason = reason
 
@@ -120,12 +126,14 @@ class CannotMixError(Exception):
 class StepError(Exception):
     """A recipe step raised an unexpected error: the run's verdict is ERROR.
 
-    file, line: of the step in the recipe. step: its name, or the user's file and function.
+    file, line: of the step, in the recipe or where a campaign overrides it; line 0 in an option.
+    step: its name, or the user's file and function.
     frame: number of readings mixed before. detail: the exception, and where it was raised.
     """
 
     def __init__(self, *, file: str, line: int, step: str, frame: int, detail: str) -> None:
-        super().__init__(f"{file}:{line}: step {step}, frame {frame}: {detail}")
+        place = f"{file}:{line}" if line else file
+        super().__init__(f"{place}: step {step}, frame {frame}: {detail}")
         self.file = file
         self.line = line
         self.step = step

@@ -54,6 +54,8 @@ class RunState:
         vehicles."""
         self.autonomy_folders: set[Path] = set()
         """Folders of the code under test: what it raises beside its calls is its failure."""
+        self.step_files: frozenset[Path] = frozenset()
+        """Files of the recipe's own steps, which may stand in those folders."""
         self.environment: dict[str, str] = {}
         """What observers add to the environment of the run's programs."""
         self._is_held = False

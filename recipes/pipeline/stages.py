@@ -7,6 +7,8 @@ from pathlib import Path
 from typing import cast
 
 from wil_campaign.foundation.files.documents import Document
+from wil_campaign.foundation.files.problems import printable_problem
+from wil_campaign.foundation.files.user_modules import user_file_path
 from wil_campaign.recipes.model.recipe import Combination, StepUse
 from wil_campaign.recipes.model.registry import OWN_STEP, StepContext
 from wil_campaign.recipes.working import (
@@ -48,18 +50,26 @@ class StepPlace:
     line: int
     label: str
 
-    def failed(self, error: Exception, frame: int) -> StepError:
+    def failed(self, error: BaseException, frame: int) -> StepError:
         """Return the error of a stage's step with its place."""
         return StepError(
             file=self.file, line=self.line, step=self.label, frame=frame, detail=_error_text(error)
         )
 
 
-def _error_text(error: Exception) -> str:
-    """Return type, message and place of an exception raised in a stage's step."""
+def _error_text(error: BaseException) -> str:
+    """Return type, message and place of an exception raised in a stage's step.
+
+    The place is the innermost line of the user's own code, which may have called a library.
+    """
+    try:
+        message = printable_problem(" ".join(str(error).split()))
+    except Exception:  # noqa: BLE001 - __str__ of the user's code may raise anything
+        message = "(its message cannot be shown)"
     frames = traceback.extract_tb(error.__traceback__)
-    where = f" ({Path(frames[-1].filename).name} line {frames[-1].lineno})" if frames else ""
-    return f"{type(error).__name__}: {error}{where}"
+    own = [frame for frame in frames if user_file_path(frame.filename) is not None] or frames
+    where = f" ({Path(own[-1].filename).name} line {own[-1].lineno})" if own else ""
+    return f"{type(error).__name__}: {message}{where}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,9 +86,9 @@ class Stage:
         other: Side = "twin" if side == "real" else "real"
         try:
             return self.operators[side](sides[side], sides.get(other))
-        except CannotMixError:
+        except (CannotMixError, KeyboardInterrupt):
             raise
-        except Exception as error:
+        except BaseException as error:  # SystemExit and CancelledError of a user's step, too
             raise self.place.failed(error, frame) from error
 
     def offer(self, side: Side, reading: Reading) -> Reading | None:
@@ -99,9 +109,9 @@ class MergeStage:
         """Return the merged reading. Raises CannotMixError, or StepError for any other fault."""
         try:
             return self.merge(sides)
-        except CannotMixError:
+        except (CannotMixError, KeyboardInterrupt):
             raise
-        except Exception as error:
+        except BaseException as error:  # SystemExit and CancelledError of a user's step, too
             raise self.place.failed(error, frame) from error
 
 
@@ -151,7 +161,9 @@ def _build_operator(step: StepUse, context: StepContext, place: StepPlace) -> Bu
     """Build a stage's operator; a user class that raises becomes a StepError."""
     try:
         built: Built = step.kind.build(step.parameters, context)
-    except Exception as error:
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:
         if step.kind.name == OWN_STEP:
             raise place.failed(error, 0) from error
         raise
@@ -159,5 +171,5 @@ def _build_operator(step: StepUse, context: StepContext, place: StepPlace) -> Bu
 
 
 def _place(step: StepUse, document: Document) -> StepPlace:
-    line, _ = document.place(step.path, key=True)
-    return StepPlace(document.name, line, step.label)
+    place = document.problem(step.path, "", key=True)  # a case may override it, in its own file
+    return StepPlace(place.file, place.line, step.label)

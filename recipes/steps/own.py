@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path as FilePath
 from typing import Any, cast
 
+import numpy as np
 from pydantic import Field, JsonValue
 
 from wil_campaign.foundation.files.references import BadReferenceError, load_reference
@@ -18,8 +19,9 @@ from wil_campaign.recipes.model.registry import (
     StepParameters,
     step,
 )
+from wil_campaign.recipes.operations.masks import KEPT
 from wil_campaign.recipes.working import AnyMasked, Masked, Merge, Operator, Sides, element_shape
-from wil_campaign.vehicles.readings import Reading, sensor_type_of
+from wil_campaign.vehicles.readings import Mask, Reading, sensor_type_of
 from wil_campaign.vehicles.readings.checks import reading_fault
 from wil_campaign.vehicles.readings.copies import copied_reading, with_python_numbers
 
@@ -103,10 +105,7 @@ def use(parameters: UseParameters, context: StepContext) -> Operator:
         if not isinstance(made, Masked):
             raise BadResultError(f"returned {type(made).__name__}, not a reading or a Masked")
         reading = _checked_result(made.reading, sensor_type_of(work.reading))
-        if made.mask is not None and made.mask.shape != element_shape(reading):
-            shapes = f"{made.mask.shape}, not {element_shape(reading)}"
-            raise BadResultError(f"returned a mask of {shapes}")
-        return Masked(reading, None if made.mask is None else made.mask.copy())
+        return Masked(reading, None if made.mask is None else _checked_mask(made.mask, reading))
 
     return operator
 
@@ -158,6 +157,20 @@ OWN_STEPS = (
 def _copied_side(work: AnyMasked) -> AnyMasked:
     """Return a copy of a side: a step of the user's may write into what the recording waits for."""
     return Masked(copied_reading(work.reading), None if work.mask is None else work.mask.copy())
+
+
+def _checked_mask(made: Any, reading: Reading) -> Mask:
+    """Return the mask of a user's own step as ours: its own bytes, 255 kept and 0 not.
+
+    OpenCV reads numbers of another type as other pixels, and ends the process at a bool. Raises
+    BadResultError.
+    """
+    if not isinstance(made, np.ndarray) or made.dtype not in (np.bool_, np.uint8):
+        kind = f"{made.dtype}" if isinstance(made, np.ndarray) else f"{type(made).__name__}"
+        raise BadResultError(f"returned a mask of {kind}, not of bool, or uint8 with 255 for kept")
+    if made.shape != element_shape(reading):
+        raise BadResultError(f"returned a mask of {made.shape}, not {element_shape(reading)}")
+    return np.where(made, KEPT, 0).astype(np.uint8) if made.dtype == np.bool_ else made.copy()
 
 
 def _checked_result(made: Any, kind: str) -> Reading:

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypeVar
 
+from wil_campaign.safety.evaluation.oracle_answers import checked_flags, checked_result
 from wil_campaign.safety.evidence.evidence import Evidence
 from wil_campaign.safety.model.oracle_results import EvidenceResult, Flag, OracleResult
 from wil_campaign.safety.model.samples import (
@@ -344,7 +345,7 @@ class Judge:
         found: list[tuple[OracleResult, bool]] = []
         for oracle in self.oracles:
             source = event_source_of(oracle.name, oracle.vehicle)
-            result = self._ended.get(source) or oracle.so_far(t_s)
+            result = self._ended.get(source) or checked_result(oracle, oracle.so_far(t_s))
             is_certain = oracle.is_certain or source in settled or source in self._ended
             found.append((result, is_certain and result.verdict == "FAIL"))
         return tuple(found)
@@ -355,7 +356,7 @@ class Judge:
         A failure without a decisive flag is INVALID: the vehicle had not done something yet, and
         whether it would have is unknown.
         """
-        result = oracle.result(t_s)
+        result = _result_of(oracle, t_s)
         name, vehicle, since = oracle.name, oracle.vehicle, oracle.stages.since(t_s)
         is_settled = any(
             flag.decisive and (flag.oracle, flag.vehicle) == (name, vehicle) for flag in self._flags
@@ -382,7 +383,7 @@ class Judge:
         for handler in handlers:
             try:
                 if flags := handler(sample):
-                    new += flags
+                    new += checked_flags(flags)
             except Exception as error:  # noqa: BLE001 - the others judge on, and it is raised below
                 raised = raised or error
                 self._leave_out(handler, error)
@@ -424,7 +425,7 @@ class Judge:
 def _result_of(oracle: Oracle, t_s: float) -> OracleResult:
     """Return an oracle's result; an exception of it names the oracle."""
     try:
-        return oracle.result(t_s)
+        return checked_result(oracle, oracle.result(t_s))
     except Exception as error:
         _note_oracle(error, oracle)
         raise

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 Verdict = Literal["PASS", "FAIL", "INVALID", "ERROR", "ABORTED"]
+OracleVerdict = Literal["PASS", "FAIL", "INVALID"]
 Limit = float | tuple[float | None, float | None] | None
 
 
@@ -20,7 +21,7 @@ class OracleResult:
     name: str
     vehicle: str
     required: bool
-    verdict: Literal["PASS", "FAIL", "INVALID"]
+    verdict: OracleVerdict
     actual: float | None
     limit: Limit
     unit: str

@@ -182,7 +182,8 @@ class WorkerPool(Generic[Order, Outcome]):
                     continue
                 outcome = await self._fly_one(worker, order)
                 over, worker = worker, None
-                await self._end(over, is_lost=isinstance(outcome, WorkerLost))
+                is_lost = isinstance(outcome, WorkerLost)
+                await self._end(over, is_lost=is_lost, after=self._run_of(order))
                 again = self._done(order, outcome)
                 if again is not None:
                     waiting.appendleft(again)
@@ -191,11 +192,14 @@ class WorkerPool(Generic[Order, Outcome]):
             if worker is not None:
                 await self._end(worker, is_lost=False)
 
-    async def _end(self, worker: Worker[Order, Outcome], *, is_lost: bool) -> None:
-        """End a worker; report a problem with that, unless its run is lost anyway."""
+    async def _end(self, worker: Worker[Order, Outcome], *, is_lost: bool, after: str = "") -> None:
+        """End a worker; report a problem with that, unless its run is lost anyway.
+
+        after: the run that it flew; "" for none.
+        """
         ended = await finish_in_task(worker.end(), name="the end of a worker")
         if ended and not is_lost:
-            self._ended_badly(ended)
+            self._ended_badly(f"after {after}: {ended}" if after else ended)
 
     def _note_waiting(self, waiting: "deque[Order]") -> None:
         if self._stopped is None and waiting:

@@ -122,12 +122,18 @@ def fault_beside_calls(error: BaseException, folders: Collection[Path]) -> Auton
     folders: of the autonomies' code. None where the first line of the error, that of the standard
     library aside, is not of a file in one of them.
     """
-    frames = (frame for frame in _frames(error) if not _is_standard(frame.filename))
-    first = next(frames, None)
-    if first is None or not any(Path(first.filename).is_relative_to(folder) for folder in folders):
+    first = first_own_file(error)
+    if first is None or not any(first.is_relative_to(folder) for folder in folders):
         return None
     reason = f"crashed beside its calls: {_error_text(error)} ({_place_of(error)})"
     return AutonomyFault(reason, _trace(error))
+
+
+def first_own_file(error: BaseException) -> Path | None:
+    """Return the file of an error's first line, that of the standard library aside."""
+    frames = (frame for frame in _frames(error) if not _is_standard(frame.filename))
+    first = next(frames, None)
+    return None if first is None else Path(first.filename)
 
 
 def _setpoint(value: object) -> Setpoint:

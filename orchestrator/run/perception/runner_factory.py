@@ -7,6 +7,7 @@ import asyncio
 from collections import deque
 from collections.abc import AsyncIterator, Callable, Mapping
 from contextlib import AsyncExitStack, asynccontextmanager
+from pathlib import Path
 
 from wil_campaign.foundation.clocks.sleeping import sleep_until
 from wil_campaign.foundation.processes.process_memory import limited_allocation
@@ -185,6 +186,7 @@ async def open_runners(
                     autonomy = _build_autonomy(setup, context.name, memory)
                     if (folder := code_folder(autonomy)) is not None:
                         run_state.autonomy_folders.add(folder)
+                        run_state.step_files = _step_files(setup)
                 runners[context.name] = runner = AutonomyRunner(
                     autonomy=autonomy,
                     context=context,
@@ -198,6 +200,18 @@ async def open_runners(
                 )
                 stack.callback(runner.close)
         yield runners
+
+
+def _step_files(setup: RunSetup) -> frozenset[Path]:
+    """Return the files of the recipe's own steps, without that of the autonomy."""
+    recipe, under_test = setup.case.recipe, setup.case.under_test
+    if recipe is None:
+        return frozenset()
+    folder = recipe.document.path.parent
+    files = {(folder / one.rpartition(":")[0]).resolve() for one in recipe.references()}
+    return frozenset(
+        files - {(under_test.folder / (under_test.use or "").rpartition(":")[0]).resolve()}
+    )
 
 
 def _coupled_runner(

@@ -11,15 +11,22 @@ from typing import Any, Self
 from wil_campaign.orchestrator.run.perception.autonomy_calls import (
     AutonomyFault,
     fault_beside_calls,
+    first_own_file,
 )
 from wil_campaign.orchestrator.state.run_state import RunState
 
 
 def decide_stray(run_state: RunState, subject: str, error: BaseException, where: str) -> None:
-    """Decide a run by an error beside the autonomy's calls: FAIL by its code, ERROR by ours."""
+    """Decide a run by an error beside the calls of users' code.
+
+    FAIL by the autonomy's code, ERROR by a recipe step's beside it, and by ours.
+    """
     fault = fault_beside_calls(error, run_state.autonomy_folders)
     if fault is None:
         run_state.fault(error, where)
+    elif first_own_file(error) in run_state.step_files:
+        text = f"a step of the recipe {fault}"
+        run_state.decide("ERROR", text, source="mixing", trace=fault.trace)
     else:
         decide_fault(run_state, subject, fault)
 

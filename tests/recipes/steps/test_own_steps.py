@@ -7,12 +7,19 @@ import numpy as np
 import pytest
 
 from tests.recipes.samples import beam, camera, plain
-from wil_campaign.foundation.files.documents import BadInput
+from wil_campaign.foundation.files.documents import (
+    BadInput,
+    load_document,
+    parse_document,
+    parse_option_value,
+)
+from wil_campaign.recipes.language.recipe_document import load_recipe
 from wil_campaign.recipes.language.recipe_files import load_recipe_file
 from wil_campaign.recipes.pipeline.pipeline import Mixer, compile_recipe
 from wil_campaign.recipes.working import StepError
 
 STEPS = """
+import asyncio
 from dataclasses import replace
 import numpy as np
 from wil_campaign.recipes.working import CannotMixError, Masked
@@ -123,6 +130,42 @@ def lighter(work, other):
 
 def bad_mask(work, other):
     return Masked(work.reading, np.zeros(3, np.uint8))
+
+
+def where_red(work, other):
+    return Masked(work.reading, work.reading.image_bgr[:, :, 2] > 50)
+
+
+def float_mask(work, other):
+    return Masked(work.reading, np.ones(work.reading.image_bgr.shape[:2]))
+
+
+def list_mask(work, other):
+    return Masked(work.reading, [[255]])
+
+
+def stacks(work, other):
+    return np.stack([work.reading.image_bgr, np.zeros(3)])
+
+
+def leaves(work, other):
+    raise SystemExit(0)
+
+
+def cancels(work, other):
+    raise asyncio.CancelledError
+
+
+def cannot_say(work, other):
+    class Mute(Exception):
+        def __str__(self):
+            raise ValueError
+
+    raise Mute
+
+
+def unknown_reason(work, other):
+    raise CannotMixError("", "why")
 
 
 NUMBER = 3
@@ -248,6 +291,42 @@ def test_an_exception_is_reported_in_full(tmp_path: Path) -> None:
     assert isinstance(error.__cause__, ZeroDivisionError)
 
 
+def test_the_line_is_of_the_step_where_a_library_of_python_raised(tmp_path: Path) -> None:
+    with pytest.raises(StepError) as caught:
+        mixed(mixer(tmp_path, "transform: [{use: 'my_steps.py:stacks'}]"))
+    line = next(
+        number for number, text in enumerate(STEPS.splitlines(), 1) if "return np.stack" in text
+    )
+    assert caught.value.detail.endswith(f"(my_steps.py line {line})")
+
+
+def test_a_mask_of_bools_keeps_what_is_true(tmp_path: Path) -> None:
+    """OpenCV ended the process at such a mask."""
+    one = mixer(tmp_path, "filter: [{use: 'my_steps.py:where_red'}]")
+    image = plain((10, 20, 60))
+    image[:, 10:, 2] = 40
+    made: Any = one.mix(camera(plain(), "real"), camera(image), now_s=1.1).reading
+    assert (made.image_bgr[:, :10] == (10, 20, 60)).all()
+    assert (made.image_bgr[:, 10:] == plain()[:, 10:]).all()
+
+
+@pytest.mark.parametrize(("name", "said"), [("case.yaml", "case.yaml:2: "), ("--set", "--set: ")])
+def test_an_exception_names_the_place_of_a_step_that_a_campaign_overrides(
+    tmp_path: Path, name: str, said: str
+) -> None:
+    recipe = load_document(written(tmp_path, "filter: [{use: 'my_steps.py:keep_left'}]"))
+    step = "[{use: 'my_steps.py:broken'}]"
+    if name == "--set":
+        entry = parse_option_value(step, name=name)
+    else:
+        case = parse_document(f"\nfilter: {step}\n".encode(), name=name)
+        entry = case.entry(("filter",))
+    (one,) = compile_recipe(load_recipe(recipe.override("combine.0.filter", entry)), object_ids={})
+    with pytest.raises(StepError) as caught:
+        mixed(one, seq=5)
+    assert str(caught.value).startswith(f"{said}step my_steps.py:broken, frame 0: ")
+
+
 def test_a_step_may_refuse_a_frame(tmp_path: Path) -> None:
     made = mixed(mixer(tmp_path, "transform: [{use: 'my_steps.py:refuses'}]"))
     assert (made.provenance.dropped, made.provenance.detail) == ("mismatch", "not today")
@@ -260,6 +339,15 @@ def test_a_step_may_refuse_a_frame(tmp_path: Path) -> None:
         ("nothing", "returned NoneType, not a reading"),
         ("wrong_size", r"returned a bad reading: image is \(3, 64, 3\)"),
         ("bad_mask", r"returned a mask of \(3,\), not \(48, 64\)"),
+        ("float_mask", "returned a mask of float64, not of bool, or uint8 with 255 for kept"),
+        ("list_mask", "returned a mask of list, not of bool"),
+        ("leaves", r"SystemExit: 0 \(my_steps.py line \d+\)"),
+        ("cancels", r"CancelledError: *\(my_steps.py line \d+\)"),
+        ("cannot_say", r"Mute: \(its message cannot be shown\) \(my_steps.py line \d+\)"),
+        (
+            "unknown_reason",
+            r"ValueError: CannotMixError has no reason ''.* \(my_steps.py line \d+\)",
+        ),
     ],
 )
 def test_a_wrong_result_is_an_error_and_no_wrong_picture(

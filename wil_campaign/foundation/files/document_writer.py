@@ -36,8 +36,8 @@ def write_atomically(path: Path, content: str | bytes) -> None:
 
     A temporary file in the same folder, fsync, rename, fsync of the folder. Raises OSError.
     """
-    # A lone surrogate, as in an error message, is written as its JSON escape.
-    data = content.encode("utf-8", "backslashreplace") if isinstance(content, str) else content
+    # A lone surrogate, as in an error message, becomes '?': readers refuse its JSON escape.
+    data = content.encode("utf-8", "replace") if isinstance(content, str) else content
     handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=".part")
     try:
         with os.fdopen(handle, "wb") as stream:

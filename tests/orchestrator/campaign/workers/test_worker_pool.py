@@ -383,7 +383,7 @@ def test_a_result_that_a_lost_worker_had_completed_counts_and_its_end_is_reporte
     order = str(tmp_path / "result")
     asyncio.run(pool.fly([order]))
     assert outcomes == {order: "PASS"}
-    assert ends == ["its process was ended by SIGKILL"]
+    assert ends == [f"after {order}: its process was ended by SIGKILL"]
 
 
 class PipedWorker(QuickWorker):

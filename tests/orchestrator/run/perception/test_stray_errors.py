@@ -108,3 +108,17 @@ def test_a_thread_of_ours_that_raises_is_an_error_and_hooks_are_given_back() -> 
     assert (event.kind, event.source) == ("ERROR", "exception")
     assert event.text.startswith("thread renderer: TypeError: ")
     assert (threading.excepthook, sys.unraisablehook) == before
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
+def test_a_recipe_step_s_thread_is_an_error_and_no_failure_of_the_autonomy_beside_it() -> None:
+    run_state = RunState(time=lambda: 1.0)
+    run_state.autonomy_folders.add(Path(__file__).parent)
+    run_state.step_files = frozenset({Path(__file__)})
+    with StrayErrors(run_state, "real"):
+        break_in_thread()
+    (event,) = run_state.decisive
+    assert (event.kind, event.source) == ("ERROR", "mixing")
+    said = "a step of the recipe crashed beside its calls: KeyError: 'gone' ("
+    assert event.text.startswith(said)
+    assert "test_stray_errors.py:" in event.text
