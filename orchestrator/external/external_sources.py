@@ -9,6 +9,7 @@ from wil_campaign.campaigns.values.external_setups import ShownAs
 from wil_campaign.orchestrator.run_results.result_parts import SourceResult
 from wil_campaign.orchestrator.state.vehicle_context import VehicleContext
 from wil_campaign.vehicles.readings import Reading, Source
+from wil_campaign.vehicles.readings.copies import with_python_numbers
 from wil_campaign.vehicles.sources.camera_source import (
     ReadingSource,
     SourceCounts,
@@ -108,9 +109,10 @@ class ExternalSource:
         since_s = asyncio.get_running_loop().time()
         while True:
             try:
-                async for reading in source:
-                    if reading.arrived_s < since_s:
+                async for received in source:
+                    if received.arrived_s < since_s:
                         continue
+                    reading = with_python_numbers(received)  # NumPy's cannot be recorded
                     self._begin_counting(source.counts)
                     if source.kind == "file" or not self._report_frozen(reading):
                         deliver(reading)

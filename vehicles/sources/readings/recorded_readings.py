@@ -7,8 +7,12 @@ from typing import Protocol, Self
 from wil_campaign.foundation.clocks.sleeping import sleep_until
 from wil_campaign.vehicles.readings import Reading, Source
 from wil_campaign.vehicles.readings.checks import reading_fault, reading_fault_after
+from wil_campaign.vehicles.readings.faults import ReadingFault
 from wil_campaign.vehicles.sources.camera_source import SourceCounts, SourceError
 from wil_campaign.vehicles.sources.file_player import FilePlayer, PlayedFile
+
+_MOST_FAULTY = 20_000
+"""A source of a plugin may have no end: then the run would stand still, and be killed for that."""
 
 
 class ReadingFile(PlayedFile, Protocol):
@@ -76,13 +80,15 @@ class RecordedReadings(FilePlayer[ReadingFile]):
         return reading
 
     async def _read_next_faultless(self) -> Reading | None:
-        """Return the next recorded reading without fault; None at the end."""
-        while (reading := await self._in_thread(self._file.next)) is not None:
-            if (
-                reading_fault(reading) is None
-                and reading_fault_after(reading, self._previous) is None
-            ):
+        """Return the next recorded reading without fault; None at the end. Raises SourceError."""
+        fault: ReadingFault | None = None
+        for _ in range(_MOST_FAULTY):
+            if (reading := await self._in_thread(self._file.next)) is None:
+                return None
+            fault = reading_fault(reading) or reading_fault_after(reading, self._previous)
+            if fault is None:
                 self._previous = reading
                 return reading
             self._damaged += 1
-        return None
+        many = f"{_MOST_FAULTY:,} readings in a row are of no use"
+        raise SourceError(f"{self.name}: {many}, the last: {fault.detail if fault else ''}")
