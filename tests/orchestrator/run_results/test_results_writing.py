@@ -1,12 +1,11 @@
 """Documents are written whole or not at all."""
 
-import json
 import os
 from pathlib import Path
 
 import pytest
 
-from wil_campaign.foundation.files.document_writer import to_json, write_atomically
+from wil_campaign.foundation.files.document_writer import write_atomically
 
 
 def test_text_and_bytes_are_written(tmp_path: Path) -> None:
@@ -58,9 +57,3 @@ def test_the_file_is_flushed_before_it_gets_its_name(
     monkeypatch.setattr(Path, "replace", replace)
     write_atomically(tmp_path / "a.json", "x")
     assert seen == ["file", "rename", "folder"]
-
-
-def test_half_of_a_surrogate_pair_is_escaped_in_json(tmp_path: Path) -> None:
-    path = tmp_path / "result.json"
-    write_atomically(path, to_json({"reason": "\ud800"}))
-    assert json.loads(path.read_text("utf-8")) == {"reason": "\ud800"}
