@@ -59,6 +59,20 @@ def test_geofence_is_left_between_two_poses_inside() -> None:
     assert result.at_s == pytest.approx(2.15, abs=0.01)
 
 
+@pytest.mark.parametrize("back", [False, True])
+def test_an_exclusion_near_one_end_of_a_long_way_is_found(back: bool) -> None:
+    wall = Polygon(((0.2, -2), (0.21, -2), (0.21, 2), (0.2, 2)))
+    fence = Fence(exclusions=[wall], floor_up_m=-50.0, ceiling_up_m=50.0)
+    context = OracleContext(mode="sim", subject="real", vehicle="real", fence=fence)
+    judge = build("geofence", context=context)
+    stage(judge, takeoff=1.0, at_height=2.0)
+    ends = ((0.15, 0.0, -1), (6.0, 0.0, -1))
+    first, last = reversed(ends) if back else ends
+    assert not judge.on_pose(pose(2.0, first))
+    (flag,) = judge.on_pose(pose(2.1, last))
+    assert flag.text == "real left the fence by its exclusion"
+
+
 def test_geofence_judges_no_way_that_another_fence_or_no_window_was_over() -> None:
     def across(north_m: float) -> Fence:
         circle = Circle((north_m, 0.0), 0.2)
