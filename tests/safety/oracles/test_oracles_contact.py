@@ -399,6 +399,25 @@ def test_a_drone_is_touched_while_its_poses_are_missing_or_late(
     assert result.at_s == pytest.approx(0.5, abs=0.5 if kind == "stl" else 0.08)
 
 
+def test_a_drone_that_is_silent_for_good_is_where_it_was_last() -> None:
+    """As one that is switched off where it landed, before the subject has."""
+    start = Pose((0.0, -2.5, -1.0))
+    motion = ObjectMotion(start, (Waypoint((0.0, 2.5, -1.0), 5.0),))
+    scene = Scene((SceneObject(1, "drone", box_shape((0.2, 0.2, 0.1)), start, motion),))
+    body, history = BoxShape((0.15, 0.15, 0.05)), RunHistory()
+    probe = ClearanceProbe(scene, body)
+    context = OracleContext(
+        mode="sim", subject="real", vehicle="real", probe=probe, things=("drone",), events=history
+    )
+    judge = build("collision", context=context)
+    stage(judge, takeoff=-0.3, at_height=-0.2, goal=-0.1)
+    history.add_pose("drone", 0.0, Pose((0.0, 0.0, -1.0)), (0.0, 0.0, 0.0))
+    for step in range(160):
+        judge.on_pose(pose(step / 50, (2.0 - step / 25, 0.0, -1.0)))  # through it at 1 s
+    result = judge.result(9.0)
+    assert (result.verdict, result.actual) == ("FAIL", 0.0)
+
+
 def test_no_vehicle_touches_a_drone_that_is_not_where_it_was_last() -> None:
     start = Pose((0.0, 0.0, -1.0))
     motion = ObjectMotion(start, (Waypoint((0.0, 9.0, -1.0), 5.0),))

@@ -27,7 +27,7 @@ MAX_MESSAGE_VALUES = 5_000_000
 """Of a JSON message in an MCAP file, and of a document of a results folder: its commas, brackets
 and braces."""
 MAX_RESULTS_BYTES = 256_000_000
-"""Of a document, a log or a trajectory of a results folder; a summary of 9,000 runs has 180 MB."""
+"""Of a document, a log or a trajectory of a results folder; a summary of 9,000 runs has 140 MB."""
 MAX_TRAJECTORY_ROWS = 500_000
 """Of a trajectory.csv: an hour of both vehicles at 50 Hz is 360,000."""
 MAX_NETWORK_BYTES = 500_000_000
