@@ -26,6 +26,7 @@ def campaign_caveats(runs: Sequence[RunResult]) -> list[str]:
     lines += [f"not judged: {text}" for text in unjudged_texts(runs)]
     lines += [f"judged by dead reckoning: {text}" for text in dead_reckoning_texts(runs)]
     lines += [f"the twin dropped out: {text}" for text in dropped_out_texts(runs)]
+    lines += [f"parameters or fence not restored: {text}" for text in unrestored_texts(runs)]
     lines += [f"missing in run.mcap: {text}" for text in loss_texts(runs)]
     lines += [f"virtual objects in the mixture not measured: {t}" for t in unmeasured_texts(runs)]
     lines += [f"simulator's images not compared with the world: {t}" for t in drawn_texts(runs)]
@@ -58,6 +59,15 @@ def synthesised_texts(summary: Summary) -> list[str]:
 
 def _synthesised(summary: Summary) -> list[str]:
     return [name for name, kind in summary.sensors.items() if kind == "synthesised"]
+
+
+def unrestored_texts(runs: Sequence[RunResult]) -> list[str]:
+    """Return which attached vehicles kept the onboard configuration of which runs."""
+    return _in_runs(
+        (f"{name} kept those of its run, until the next start restores them", run)
+        for run in runs
+        for name in sorted({step.vehicle for step in run.before_arming if step.restored is False})
+    )
 
 
 def loss_texts(runs: Sequence[RunResult]) -> list[str]:

@@ -14,8 +14,10 @@ from wil_campaign.foundation.files.document_writer import to_json, write_atomica
 from wil_campaign.orchestrator.cli import main
 from wil_campaign.orchestrator.cli.verdict_table import conclusion_lines
 from wil_campaign.orchestrator.run_results.campaign_results import Summary, summarize
+from wil_campaign.orchestrator.run_results.caveats import campaign_caveats
 from wil_campaign.orchestrator.run_results.junit import junit_xml
 from wil_campaign.orchestrator.run_results.result_parts import (
+    ArmingStep,
     DropOut,
     ExternalResult,
     SourceResult,
@@ -78,6 +80,17 @@ def caveat_lines(*runs: RunResult) -> list[str]:
 def properties(*runs: RunResult) -> dict[str, str]:
     root = ET.fromstring(junit_xml(summary(*runs), ()))  # noqa: S314 - our own document
     return {one.attrib["name"]: one.attrib["value"] for one in root.iter("property")}
+
+
+def test_a_vehicle_that_kept_the_parameters_of_its_run_is_named() -> None:
+    def step(restored: bool | None) -> ArmingStep:
+        return ArmingStep("parameters", "real", 1.0, True, "RTL_ALT 172", restored=restored)
+
+    runs = [run(1, before_arming=(step(True),)), run(2, before_arming=(step(False), step(False)))]
+    text = "real kept those of its run, until the next start restores them"
+    assert campaign_caveats(runs) == [
+        f"parameters or fence not restored: {text} (large wil, 1 run)"
+    ]
 
 
 def test_a_fence_changed_in_flight_is_reported_with_the_verdict() -> None:

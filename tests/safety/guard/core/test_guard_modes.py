@@ -33,6 +33,12 @@ def test_a_pilot_takes_over_and_the_guard_keeps_out(pair: Any) -> None:
     real.armed = False
     pair.fly(2.6)
     assert pair.core.all_down
+    # What the run changed is restored once the pilot has landed, unless the pilot starts again.
+    assert to_orchestrator(pair, "real", param) == (param,)
+    assert to_orchestrator(pair, "real", mode_command(FlightMode.GUIDED)) == ()
+    real.armed = True
+    pair.fly(1.1)
+    assert to_orchestrator(pair, "real", param) == ()
 
 
 def test_a_pilot_who_takes_over_beside_a_warning_is_not_overridden(pair: Any) -> None:
