@@ -154,12 +154,15 @@ class Injections(Observer):
             self._events,
         )
         for context in self._contexts:
+            vehicle = setup.vehicle(context.name)
+            mounts = ((sensor.name, _mount(vehicle, sensor.name)) for sensor in vehicle.sensors)
             injector = Injector(
                 context=context,
-                autopilot=setup.vehicle(context.name).autopilot,
+                autopilot=vehicle.autopilot,
                 injections=self._injections,
                 scene_poses=scene_poses,
-                is_attached=setup.vehicle(context.name).attached is not None,
+                is_attached=vehicle.attached is not None,
+                mounts={name: mount for name, mount in mounts if mount is not None},
             )
             if injector.injections:
                 self._injectors[context.name] = injector
@@ -178,6 +181,7 @@ class Injections(Observer):
     def tasks(self, run_state: RunState, /) -> Iterator[tuple[str, Coroutine[Any, Any, None]]]:
         """Yield what injects places of objects, and what watches that the autopilots act on it."""
         for name, injector in self._injectors.items():
+            yield f"standing by for {name}", injector.stand_by()
             yield f"injection into {name}", injector.run()
         if self._injectors:
             yield "injection watch", self._watch(run_state)

@@ -10,6 +10,7 @@ import asyncio
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Any
 
 from wil_campaign.orchestrator.run_results.result_parts import InjectedResult
@@ -21,7 +22,11 @@ from wil_campaign.plugins.injection.pose_messages import (
     odometry_message,
     vision_position_estimate,
 )
-from wil_campaign.plugins.injection.range_messages import distance_sensor_message, obstacle_distance
+from wil_campaign.plugins.injection.range_messages import (
+    distance_sensor_message,
+    nothing_measured,
+    obstacle_distance,
+)
 from wil_campaign.plugins.injection.traffic_messages import Intruder, adsb_vehicle
 from wil_campaign.vehicles.readings import (
     LidarScanReading,
@@ -29,7 +34,7 @@ from wil_campaign.vehicles.readings import (
     RangefinderReading,
     Reading,
 )
-from wil_campaign.worlds.frames import Vec3, scale, subtract
+from wil_campaign.worlds.frames import Pose, Vec3, scale, subtract
 from wil_campaign.worlds.geodesy import LocalFrame
 from wil_campaign.worlds.scene.scene import Scene, SceneObject
 
@@ -105,6 +110,9 @@ _ICAO_FIRST = 0xF00000
 _STEP_S = 0.1
 """The time step for the speed of an object."""
 _TRAFFIC_HZ = 50.0
+_OF_RANGES = frozenset({"obstacle_distance", "distance_sensor"})
+_STAND_BY_S = 0.2
+"""ArduPilot takes a range sensor for dead after 0.5 s."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,7 +127,8 @@ class ScenePoses:
 class Injector:
     """Injects the campaign's messages into one vehicle's autopilot.
 
-    is_attached: the vehicle stands anywhere on Earth, and its world with it.
+    is_attached: the vehicle stands anywhere on Earth, and its world with it. mounts: of its
+    rangefinders, by name.
     """
 
     def __init__(
@@ -131,8 +140,10 @@ class Injector:
         scene_poses: ScenePoses,
         spread: PoseSpread | None = None,
         is_attached: bool = False,
+        mounts: Mapping[str, Pose] = MappingProxyType({}),
     ) -> None:
         self._context = context
+        self._mounts = mounts
         self._is_attached = is_attached
         self._autopilot = autopilot
         self._scene_poses = scene_poses
@@ -164,6 +175,24 @@ class Injector:
         for injection in self._injections:
             if injection.sensor is None:
                 self._offer_pose(injection, reading)
+
+    async def stand_by(self) -> None:
+        """Send that range sensors have measured nothing yet, until the first mixed reading.
+
+        There is none before the takeoff, and an ArduCopter that is to listen to a sensor does not
+        arm while it is silent: "PreArm: PRX1: No Data" (AP_Proximity::prearm_healthy).
+        """
+        while silent := [one for one in self._injections if self._is_silent(one)]:
+            now_s = asyncio.get_running_loop().time()
+            for one in silent:
+                beams = self._mounts if one.thing == "distance_sensor" else {}
+                message = nothing_measured(beams.get(one.sensor or ""), now_s)
+                self._context.driver.send_message(message)
+            await asyncio.sleep(_STAND_BY_S)
+
+    def _is_silent(self, one: InjectionSetup) -> bool:
+        """Return whether an injection is of a range sensor that has not been mixed yet."""
+        return one.thing in _OF_RANGES and (one.thing, "") not in self._paced
 
     async def run(self) -> None:
         """Inject messages about object positions until cancelled."""

@@ -49,6 +49,39 @@ def obstacle_distance(scan: LidarScanReading) -> Any:
     )
 
 
+def nothing_measured(mount: Pose | None, t_s: float) -> Any:
+    """Return the message of a sensor that has measured nothing yet.
+
+    mount: of a rangefinder, whose DISTANCE_SENSOR says that nothing came back; None for a lidar,
+    whose OBSTACLE_DISTANCE has 72 unknown sectors.
+    """
+    longest_m = LONGEST_CM / 100.0
+    if mount is not None:
+        reading = RangefinderReading(
+            t_s=t_s,
+            arrived_s=t_s,
+            seq=0,
+            source="mixed",
+            range_m=math.inf,
+            range_min_m=0.0,
+            range_max_m=longest_m,
+            mount=mount,
+        )
+        return distance_sensor_message(reading)
+    scan = LidarScanReading(
+        t_s=t_s,
+        arrived_s=t_s,
+        seq=0,
+        source="mixed",
+        ranges_m=np.empty(0, np.float32),
+        start_angle_rad=0.0,
+        step_rad=0.0,
+        range_min_m=0.0,
+        range_max_m=longest_m,
+    )
+    return obstacle_distance(scan)
+
+
 def distance_sensor_message(reading: RangefinderReading, *, field_of_view_rad: float = 0.0) -> Any:
     """Return a rangefinder's sample as DISTANCE_SENSOR (132), in centimetres.
 

@@ -24,6 +24,7 @@ _POSITION_GAIN = 1.0
 _BRAKING_M_S2 = 2.5
 """WPNAV_ACCEL of 250."""
 _NEAR_AT_ARMING_M = 0.6
+NO_DATA = "PRX1: No Data"
 
 Obstacle = tuple[float, float]
 """Bearing in the body's frame (radians to the right of forward), and distance in metres."""
@@ -59,8 +60,16 @@ class SimpleAvoidance:
         obstacles = ((bearing_rad, message.current_distance / 100.0),) if seen else ()
         self._rings[f"sector {message.orientation}"] = (t_s, obstacles)
 
+    def lacks_data(self, t_s: float) -> bool:
+        """Return whether the sensor is silent: ArduPilot's pre-arm check fails then."""
+        return self.listens and not any(
+            t_s - since_s <= _TIMEOUT_S for since_s, _ in self._rings.values()
+        )
+
     def arming_fault(self, t_s: float) -> str | None:
-        """Return ArduPilot's text for an obstacle that is too near for arming; or None."""
+        """Return ArduPilot's text for a sensor that is silent, or an obstacle too near; or None."""
+        if self.lacks_data(t_s):
+            return NO_DATA
         nearest = min(self._known_distances(t_s), key=lambda each: each[1], default=None)
         if nearest is None or nearest[1] > _NEAR_AT_ARMING_M:
             return None

@@ -7,6 +7,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from wil_campaign.plugins.ardupilot.copter import copter_boot as boot
 from wil_campaign.plugins.ardupilot.copter import copter_telemetry
+from wil_campaign.plugins.ardupilot.copter.avoidance import NO_DATA
 from wil_campaign.plugins.ardupilot.copter.copter_core import CopterCore
 from wil_campaign.plugins.ardupilot.copter.copter_failsafes import (
     CopterFailsafeInputs,
@@ -34,6 +35,8 @@ from wil_campaign.vehicles.embedded.autopilot.services.command_registry import (
 )
 from wil_campaign.vehicles.embedded.autopilot.services.outbox import CRITICAL, INFO
 
+_PREARM_TEXT_S = 30.0
+"""PREARM_DISPLAY_PERIOD of AP_Arming.cpp."""
 _IN_FLIGHT_YAW_HEIGHT_M = 2.5
 """EKF3 aligns its yaw in flight above this height (EKF3_MAG_FINAL_RESET_ALT)."""
 _ALTITUDE_FENCE, _CIRCLE_FENCE, _POLYGON_FENCE, _FLOOR_FENCE = 1, 2, 4, 8
@@ -53,6 +56,7 @@ class ArduCopter(CopterCore):
         self._failsafes = CopterFailsafes(self.parameters)
         self._tilt = TiltWatch(limit_rad=_CRASH_TILT_RAD, for_s=_CRASH_AFTER_S)
         self._texts_sent = 0
+        self._unready_text_s = boot.PREARM_BIT_S
         self._yaw_aligned = False
         self._on_ground = True
         self._sink_m_s = 0.0
@@ -190,6 +194,10 @@ class ArduCopter(CopterCore):
             self._texts_sent += 1
         if self.state.home_ned_m is None and self.t_s >= boot.HOME_SET_S:
             self.set_home()
+        if self.t_s >= self._unready_text_s and not self.flight.armed:
+            if self.avoidance.lacks_data(self.t_s):
+                self.outbox.send_text(CRITICAL, f"PreArm: {NO_DATA}")
+            self._unready_text_s = self.t_s + _PREARM_TEXT_S
 
     def _report_phases(self) -> None:
         flight, now = self.flight, self.state.now

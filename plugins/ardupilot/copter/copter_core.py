@@ -104,7 +104,9 @@ class CopterCore(EmulatedAutopilot[CopterMode]):
 
     def _prearm_bit(self) -> bool:
         """Return ArduCopter's pre-arm bit of SYS_STATUS: true long before GUIDED is possible."""
-        return self.t_s >= boot.PREARM_BIT_S and not self.never_ready
+        if self.t_s < boot.PREARM_BIT_S or self.never_ready:
+            return False
+        return self.flight.armed or not self.avoidance.lacks_data(self.t_s)
 
     # Reported state.
 
@@ -257,9 +259,9 @@ class CopterCore(EmulatedAutopilot[CopterMode]):
             return f"{self.mode.words} mode not armable"
         if force:
             return None
-        if not self._prearm_bit() or (self.mode.needs_position and not self.position_valid):
-            return "Need Position Estimate"
-        return self.avoidance.arming_fault(self.t_s)
+        unplaced = not self._prearm_bit() or (self.mode.needs_position and not self.position_valid)
+        fault = self.avoidance.arming_fault(self.t_s)
+        return fault or ("Need Position Estimate" if unplaced else None)
 
     def stop_motors(self, by: str) -> None:  # noqa: ARG002 - ArduCopter does not say by what
         """Disarm ArduCopter now."""

@@ -80,6 +80,7 @@ def test_a_feature_that_the_vehicle_lacks_is_reported_by_its_parameter(
         "inject={vision_position_estimate: {to: [real]}}",
         f"vehicles.real.autopilot={autopilot}",
         "vehicles.real.params={}",
+        "vehicles.twin.params={}",
     )
     assert result.verdict == "ERROR"
     assert f"{parameter} does not exist on this autopilot" in result.reason

@@ -13,7 +13,9 @@ from wil_campaign.plugins.ardupilot.copter.avoidance import (
     avoidance_stopping_speed,
 )
 from wil_campaign.plugins.ardupilot.copter.copter_core import CopterCore
+from wil_campaign.plugins.injection.range_messages import nothing_measured
 from wil_campaign.vehicles.embedded.autopilot.flight.parameter_table import load_parameters
+from wil_campaign.worlds.frames import Pose
 
 
 def avoidance(**changed: float) -> SimpleAvoidance:
@@ -65,10 +67,24 @@ def test_rangefinders_to_the_sides_count_as_well() -> None:
 
 def test_nothing_is_armed_beside_a_wall() -> None:
     stop = avoidance()
-    assert stop.arming_fault(0.0) is None
     stop.obstacle_distance(ring({18: 0.5, 3: 0.7}), 1.0)
     assert stop.arming_fault(1.2) == "Proximity 90.0 deg, 0.5m (want > 0.6m)"
+    stop.obstacle_distance(ring({18: 0.7}), 1.9)
     assert stop.arming_fault(2.0) is None
+
+
+def test_nothing_is_armed_while_the_sensor_is_silent() -> None:
+    """ArduCopter 4.6 in SITL: "PreArm: PRX1: No Data"."""
+    stop = avoidance()
+    assert stop.arming_fault(0.0) == "PRX1: No Data"
+    stop.obstacle_distance(nothing_measured(None, 1.0), 1.0)
+    assert stop.arming_fault(1.5) is None
+    assert stop.arming_fault(1.6) == "PRX1: No Data"
+    sideways = Pose.of(0.0, 0.0, 0.0, yaw_rad=math.pi / 2.0)
+    stop.distance_sensor(nothing_measured(sideways, 2.0), 2.0)
+    assert stop.arming_fault(2.1) is None
+    assert stop.limited((5.0, 5.0, 0.0), 0.0, 2.1) == (5.0, 5.0, 0.0)
+    assert avoidance(PRX1_TYPE=0.0).arming_fault(0.0) is None
 
 
 @given(st.floats(0.0, 50.0), st.floats(0.0, 50.0))
