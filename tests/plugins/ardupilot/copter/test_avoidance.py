@@ -33,13 +33,30 @@ def ring(distances_m: dict[int, float], *, longest_m: float = 10.0) -> Any:
     )
 
 
-def test_it_slows_towards_a_wall_and_flies_along_it() -> None:
+EDGE = math.cos(math.radians(22.5))
+"""The boundary runs straight between the edges of a face, as far as its nearest object."""
+
+
+def test_it_slows_towards_a_wall_and_flies_away_from_it() -> None:
     stop = avoidance()
     stop.obstacle_distance(ring({0: 1.5}), 10.0)
-    assert stop.limited((2.0, 1.0, -0.3), 0.0, 10.1) == pytest.approx((0.5, 1.0, -0.3))
+    ahead_m_s = 1.5 * EDGE - 1.0
+    assert stop.limited((2.0, 0.0, 0.0), 0.0, 10.1) == pytest.approx((ahead_m_s, 0.0, 0.0))
     # The wall is ahead of the body, wherever it looks.
-    assert stop.limited((0.0, 2.0, 0.0), math.pi / 2, 10.1) == pytest.approx((0.0, 0.5, 0.0))
+    assert stop.limited((0.0, 2.0, 0.0), math.pi / 2, 10.1) == pytest.approx((0.0, ahead_m_s, 0.0))
     assert stop.limited((-2.0, 0.0, 0.0), 0.0, 10.1) == (-2.0, 0.0, 0.0)
+
+
+def test_a_distance_is_filtered_as_prx_filt_says() -> None:
+    """A first-order filter: after 0.1 s 0.1 / (0.1 + 1 / (2 pi 0.25 Hz)) of a step."""
+    for cutoff_hz, share in ((0.25, 0.1 / (0.1 + 2.0 / math.pi)), (0.0, 1.0)):
+        stop = avoidance(PRX_FILT=cutoff_hz)
+        stop.obstacle_distance(ring({0: 3.0}), 10.0)
+        stop.obstacle_distance(ring({0: 2.0}), 10.1)
+        most_m_s = avoidance_stopping_speed((3.0 - share) * EDGE - 1.0)
+        assert stop.limited((9.0, 0.0, 0.0), 0.0, 10.1)[0] == pytest.approx(most_m_s)
+        stop.obstacle_distance(ring({0: 1.5}), 11.2)  # after a second it begins anew
+        assert stop.limited((9.0, 0.0, 0.0), 0.0, 11.2)[0] == pytest.approx(1.5 * EDGE - 1.0)
 
 
 @pytest.mark.parametrize("changed", [{"PRX1_TYPE": 0.0}, {"AVOID_ENABLE": 1.0}])
@@ -49,11 +66,11 @@ def test_it_ignores_obstacles_when_it_is_not_set_up_for_them(changed: dict[str, 
     assert stop.limited((2.0, 0.0, 0.0), 0.0, 10.1) == (2.0, 0.0, 0.0)
 
 
-def test_an_obstacle_is_forgotten_after_half_a_second() -> None:
+def test_an_obstacle_is_forgotten_after_a_second() -> None:
     stop = avoidance()
     stop.obstacle_distance(ring({0: 1.0}), 10.0)
-    assert stop.limited((2.0, 0.0, 0.0), 0.0, 10.5)[0] == pytest.approx(0.0)
-    assert stop.limited((2.0, 0.0, 0.0), 0.0, 10.51) == (2.0, 0.0, 0.0)
+    assert stop.limited((2.0, 0.0, 0.0), 0.0, 11.0)[0] == pytest.approx(0.0)
+    assert stop.limited((2.0, 0.0, 0.0), 0.0, 11.01) == (2.0, 0.0, 0.0)
 
 
 def test_rangefinders_to_the_sides_count_as_well() -> None:
@@ -62,15 +79,16 @@ def test_rangefinders_to_the_sides_count_as_well() -> None:
     down = mavlink.MAVLink_distance_sensor_message(0, 20, 1000, 30, 0, 1, 25, 255)
     stop.distance_sensor(right, 5.0)
     stop.distance_sensor(down, 5.0)
-    assert stop.limited((1.0, 1.0, 1.0), 0.0, 5.1) == pytest.approx((1.0, 0.2, 1.0))
+    assert stop.limited((0.0, 1.0, 0.0), 0.0, 5.1)[1] <= 1.2 * EDGE - 1.0
+    assert stop.limited((0.0, -1.0, 0.0), 0.0, 5.1) == (0.0, -1.0, 0.0)
 
 
 def test_nothing_is_armed_beside_a_wall() -> None:
     stop = avoidance()
     stop.obstacle_distance(ring({18: 0.5, 3: 0.7}), 1.0)
-    assert stop.arming_fault(1.2) == "Proximity 90.0 deg, 0.5m (want > 0.6m)"
-    stop.obstacle_distance(ring({18: 0.7}), 1.9)
-    assert stop.arming_fault(2.0) is None
+    assert stop.arming_fault(1.2) == "Proximity 90 deg, 0.50m (want > 0.6m)"
+    stop.obstacle_distance(ring({18: 0.7}), 3.0)
+    assert stop.arming_fault(3.1) is None
 
 
 def test_nothing_is_armed_while_the_sensor_is_silent() -> None:
