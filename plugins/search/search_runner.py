@@ -32,6 +32,7 @@ from wil_campaign.orchestrator.campaign.folder.manifest import (
     maybe_written_files,
 )
 from wil_campaign.orchestrator.campaign.resuming.unchanged_campaign import (
+    ResumeError,
     resumed_folder,
     resumed_manifest,
 )
@@ -209,8 +210,18 @@ def _begin(
         document = resumed_manifest(folder, document)
         stack.enter_context(locked_campaign_folder(folder))
         ledger = SearchLedger.resumed(folder)
+        if cleared.engine.reads_files_here:
+            _require_same_code(folder, files, ledger)
     write_atomically(folder / "campaign.json", to_json(document))
     return folder, ledger, files
+
+
+def _require_same_code(folder: Path, files: FlownFiles, ledger: SearchLedger) -> None:
+    """Raise ResumeError where code of the user's changed that only the finished flights name."""
+    try:
+        files.require_code_on_disk("its finished flights", ledger.code)
+    except OutputError as error:
+        raise ResumeError(f"{folder} cannot be resumed: {error}") from error
 
 
 class _SearchFlight:
@@ -283,14 +294,16 @@ class _SearchFlight:
         result = self._engine.fly(campaign, folder)
         if result.stopped is not None:
             return result.stopped
+        code: dict[str, str] = {}
         for name, run in result.runs.items():
             self._flown_files.require_same_code(name, run.code)
+            code |= run.code
         plans = {plan.name: plan for plan in campaign.runs}
         outcomes = tuple(
             self._outcome(result.runs[name], plans[name], folder / name)
             for name in map(_run_name, batch.flights)
         )
-        self._ledger.finish(batch, outcomes, is_broken=result.is_broken)
+        self._ledger.finish(batch, outcomes, code=code, is_broken=result.is_broken)
         return outcomes
 
     def _outcome(self, result: RunResult, plan: RunPlan, folder: Path) -> FlightOutcome:

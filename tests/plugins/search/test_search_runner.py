@@ -13,6 +13,7 @@ from tests.plugins.search.searches import SEARCH, MadeUpEngine, write_search
 from wil_campaign.campaigns.expansion.expansion import ExpansionOptions, load_campaign
 from wil_campaign.orchestrator.campaign.flight_options import ClearedCampaign, FlightOptions
 from wil_campaign.orchestrator.campaign.folder.campaign_folder import OutputError
+from wil_campaign.orchestrator.campaign.folder.manifest import file_digest
 from wil_campaign.orchestrator.campaign.resuming.unchanged_campaign import ResumeError
 from wil_campaign.orchestrator.cli import main
 from wil_campaign.plugins.search.errors import SearchError
@@ -136,6 +137,25 @@ def test_a_file_that_changes_in_a_flight_ends_the_search(tmp_path: Path, name: s
     second = MadeUpEngine()
     assert flown(path, second, resume=True).exit_code == 1
     assert not set(first.flown) & set(second.flown)
+
+
+def test_a_search_is_not_resumed_with_other_code_that_only_its_flights_imported(
+    tmp_path: Path,
+) -> None:
+    """The manifest does not name it: the autonomy imports it in flight, by a name that it makes."""
+    path = write_search(tmp_path)
+    helper = tmp_path / "helper.py"
+    helper.write_text("VZ = 0.0\n")
+    code = {"helper.py": file_digest(helper)}
+    stopped = MadeUpEngine(code=code, stopped=lambda batch: "signal" if batch == 2 else None)
+    flown(path, stopped)
+    helper.write_text("VZ = 0.5\n")
+    with pytest.raises(ResumeError, match=r"helper\.py changed since its finished flights flew"):
+        flown(path, MadeUpEngine(), resume=True)
+    helper.write_text("VZ = 0.0\n")
+    again = MadeUpEngine(code=code)
+    assert flown(path, again, resume=True).exit_code == 1
+    assert not set(stopped.flown) & set(again.flown)
 
 
 def test_a_ledger_of_other_proposals_or_a_damaged_one_is_refused(tmp_path: Path) -> None:
