@@ -154,6 +154,23 @@ def test_a_cluster_flies_the_same_to_the_byte_from_files_that_travel(
     assert events(flown.folder) == ["begun", "ordered", "ended", "begun"]
 
 
+def test_a_file_of_the_node_that_changes_while_the_campaign_flies_ends_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A file that is named absolutely does not travel: later runs flew with another one."""
+    monkeypatch.setattr(ray_engine, "_PAUSE_S", 0.001)
+    path, net = write_hover(tmp_path), tmp_path / "net.onnx"
+    net.write_text("weights")
+    named = f"autonomy: {{use: still.py:Still, with: {{model: '{net}'}}}}"
+    path.write_text(path.read_text().replace("autonomy: still.py:Still", named))
+    campaign = load_campaign(path, ExpansionOptions(repetitions=3))
+    assert fly(campaign, tmp_path / "same").exit_code == 0
+    with pytest.raises(EngineError, match=r"net\.onnx is not the file that it is") as error:
+        fly(campaign, tmp_path / "other", act=lambda _: net.write_text("other weights"))
+    assert error.value.code == 3
+    assert len(list(tmp_path.glob("other/hover/*/default/sim/*/result.json"))) == 1
+
+
 def test_a_worker_that_dies_in_flight_takes_one_run_which_is_not_flown_again(
     tmp_path: Path,
 ) -> None:
