@@ -114,7 +114,7 @@ def unsettled_texts(findings: SearchFindings) -> list[str]:
         if unproven := len(findings.unproven_in(mode)):
             count = len(findings.flown_in(mode))
             where = "" if mode == findings.modes[0] else f" in {mode}"
-            texts.append(f"{unproven} of {count} variants proved nothing{where}: INVALID or ERROR")
+            texts.append(f"{unproven} of {count} variants proved nothing{where} (no PASS, no FAIL)")
     return texts
 
 
