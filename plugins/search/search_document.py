@@ -106,9 +106,11 @@ def unsettled_texts(findings: SearchFindings) -> list[str]:
     for gap in findings.gaps:
         if doubtful := len(findings.doubtful(gap)):
             word, were = ("variant", "was") if doubtful == 1 else ("variants", "were")
+            few = len(gap.differences)
+            by = "by the gap" if gap.is_measured else f"as {few} pairs do not measure the gap"
             texts.append(
-                f"{doubtful} {word} may fail in {gap.upper} by the gap, and {were} not flown "
-                "there: the budget is used up"
+                f"{doubtful} {word} may fail in {gap.upper} {by}, and {were} not flown there: the "
+                "budget is used up"
             )
     for mode in findings.modes:
         if unproven := len(findings.unproven_in(mode)):

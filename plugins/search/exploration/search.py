@@ -160,7 +160,10 @@ class Search:
         self._gaps.append(self._gap(lower, upper))
 
     def _gap(self, lower: Mode, upper: Mode) -> ModeGap:
-        """Return the gap of all variants that were flown in both modes, paired by seed."""
+        """Return the gap of all variants that were flown in both modes, paired by seed.
+
+        Without pairs of which one is at the floor: their difference would be too near to 0.
+        """
         pairs = [
             (low.value, high.value)
             for tried_variant in self._tried.values()
@@ -169,6 +172,7 @@ class Search:
                 tried_variant.outcomes.get(upper, ()),
                 strict=False,
             )
+            if not (low.is_at_floor or high.is_at_floor)
         ]
         differences = (high - low for low, high in pairs if low is not None and high is not None)
         return ModeGap(lower, upper, tuple(differences))

@@ -313,6 +313,13 @@ def test_variants_that_may_fail_in_the_dearest_mode_and_were_left_are_named(budg
     assert unsettled_texts(findings) == ([said] if budget == 6 else [])
 
 
+def test_variants_that_were_left_before_the_gap_was_measured_are_named() -> None:
+    given = problem(plane(), budget={"sim": 40, "wil": 2})
+    findings, _ = searched(given, lambda *_: 0.5, strategy="sobol")
+    (said,) = unsettled_texts(findings)
+    assert "38 variants may fail in wil as 2 pairs do not measure the gap, and were not" in said
+
+
 def test_what_proved_nothing_is_not_counted_as_covered(tmp_path: Path) -> None:
     path = write_search(tmp_path)
     outcome = flown(path, MadeUpEngine(verdict=lambda m: "PASS" if m > -0.5 else "INVALID"))

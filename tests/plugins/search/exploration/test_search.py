@@ -2,6 +2,7 @@
 
 import itertools
 import math
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -374,6 +375,30 @@ def test_a_pass_far_from_everything_comes_last_until_the_gap_is_measured() -> No
     assert variants_passed_on(values, ModeGap("sim", "wil"), probes=1, most=10) == ["b", "a", "far"]
     measured = ModeGap("sim", "wil", (-0.1, 0.0, 0.1))
     assert variants_passed_on(values, measured, probes=1, most=10) == ["b"]
+
+
+@pytest.mark.parametrize("seed", [0, 2, 4, 6])
+def test_contacts_do_not_measure_the_gap(seed: int) -> None:
+    """A contact is 0 in both modes: such pairs gave a gap near 0, and the budget was left over."""
+
+    def answer(values: Values, mode: str, _: int) -> float:
+        height = 0.5 * (number(values, "x") + number(values, "y")) + 0.3
+        return max(height - (0.0 if mode == "sim" else 0.15 + 0.02 * number(values, "x")), 0.0)
+
+    given = problem(plane(), budget={"sim": 40, "wil": 40}, at_once=1, reduce_flights=0)
+    findings, _ = searched(given, answer, strategy="sobol", seed=seed)
+    (gap,) = findings.gaps
+    assert gap.mean == pytest.approx(-0.15, abs=0.02)
+    left = [one for one in findings.tried if "wil" not in one.outcomes]
+    assert left
+    assert not [one for one in left if answer(one.variant.values, "wil", 1) <= 0.0]
+
+
+def test_what_another_oracle_failed_or_contact_is_at_the_floor() -> None:
+    outcome = FlightOutcome(verdict="FAIL", value=0.0)
+    assert outcome.is_at_floor
+    assert not replace(outcome, value=-0.1).is_at_floor
+    assert not replace(outcome, verdict="PASS").is_at_floor
 
 
 def test_the_worst_are_passed_on_until_the_gap_is_measured() -> None:
