@@ -63,11 +63,7 @@ def search_text(search: SearchCampaign, outcome: SearchOutcome) -> str:
 
 def _sentences(search: SearchCampaign, outcome: SearchOutcome) -> Iterator[str]:
     found = outcome.findings
-    failed = sum(
-        tried_variant.failed(mode)
-        for tried_variant in found.tried
-        for mode in list(tried_variant.outcomes)[-1:]
-    )
+    failed = sum(tried_variant.failed_last(found.modes) for tried_variant in found.tried)
     yield (
         f"{search.campaign.name}: {len(found.tried)} variants flown, {failed} failed, "
         f"{len(found.confirmed)} confirmed; {len(found.refused)} refused before a flight; "
