@@ -9,6 +9,10 @@ from wil_campaign.plugins.search.exploration.search_campaign import SearchCampai
 from wil_campaign.plugins.search.exploration.sensed import EDGES_M, SensedCoverage, sensed_coverage
 
 FILE_NAME = "search.json"
+BROKEN = (
+    "an internal exception came up beside the flights (log.jsonl in a folder of flights/ has it): "
+    "the search ends with exit code 3"
+)
 
 
 def search_document(
@@ -18,9 +22,11 @@ def search_document(
     ended: str,
     files: Mapping[str, str],
     at_once: int,
+    is_broken: bool,
 ) -> dict[str, Any]:
     """Return the document of a search. ended: why it ended. files: of confirmed failures, by name.
 
+    is_broken: there was an internal error beside its flights.
     Only `wall_s` depends on the machine.
     """
     part = search.part
@@ -48,6 +54,7 @@ def search_document(
         ],
         "constraints": [constraint.text for constraint in search.space.constraints],
         "ended": ended,
+        "broken": is_broken,
         "failures": [
             _failure_entry(search, failing_case, files) for failing_case in findings.cases
         ],

@@ -154,13 +154,17 @@ _CODES: Mapping[Stop, int] = {"signal": 130, "command": 4}
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SearchOutcome:
-    """The outcome of a search. ended: why it ended. files: of confirmed failures, by variant."""
+    """The outcome of a search. ended: why it ended. files: of confirmed failures, by variant.
+
+    is_broken: there was an internal error beside its flights.
+    """
 
     findings: SearchFindings
     folder: Path
     ended: str
     files: Mapping[str, str]
     exit_code: int
+    is_broken: bool = False
 
 
 def fly_search(
@@ -261,6 +265,7 @@ class _SearchFlight:
             folder=self._folder,
             ended=ended,
             files=dict(self._files),
+            is_broken=self._ledger.is_broken,
             exit_code=search_exit_code(findings, stopped=stopped, is_broken=self._ledger.is_broken),
         )
 
@@ -327,7 +332,12 @@ class _SearchFlight:
             write_atomically(path, failure_text(self._search, case, place))
             self._files[case.variant.name] = f"{FOLDER}/{path.name}"
         document = search_document(
-            self._search, findings, ended=ended, files=self._files, at_once=self._ledger.at_once
+            self._search,
+            findings,
+            ended=ended,
+            files=self._files,
+            at_once=self._ledger.at_once,
+            is_broken=self._ledger.is_broken,
         )
         write_atomically(self._folder / FILE_NAME, to_json(document))
 

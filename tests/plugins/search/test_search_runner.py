@@ -264,6 +264,17 @@ def test_a_search_without_a_failure_is_exit_0_and_without_proof_exit_3(tmp_path:
     assert flown(path, MadeUpEngine(is_broken=True)).exit_code == 3
 
 
+def test_an_internal_exception_beside_the_flights_is_said_with_exit_code_3(tmp_path: Path) -> None:
+    """Nothing but the exit code told it from a search that confirmed a failure."""
+    path = write_search(tmp_path)
+    outcome = flown(path, MadeUpEngine(is_broken=True))
+    assert outcome.exit_code == 3
+    assert document(outcome)["broken"] is True
+    said = "an internal exception came up beside the flights"
+    assert said in search_text(load_search(path), outcome)
+    assert said in write_search_page(load_search(path), outcome).read_text()
+
+
 @pytest.mark.parametrize(("passes", "code"), [(1, 3), (2, 3), (3, 0)])
 def test_a_search_that_proved_nothing_of_half_its_variants_is_3(
     tmp_path: Path, passes: int, code: int
