@@ -36,6 +36,8 @@ from wil_campaign.orchestrator.campaign.resuming.unchanged_campaign import (
     resumed_folder,
     resumed_manifest,
 )
+from wil_campaign.orchestrator.campaign.workers.run_engine import EngineError
+from wil_campaign.orchestrator.cli.arming_consent import FlightRefusedError
 from wil_campaign.orchestrator.run_results.attempts import ended_attempts, passed_text
 from wil_campaign.orchestrator.run_results.run_result import RunResult, Stop
 from wil_campaign.plugins.search.engine import SearchEngine
@@ -177,7 +179,8 @@ def fly_search(
     """Fly a search and write its folder, beneath `options.out`.
 
     It proposes as many flights at once as `cleared` has jobs; one that is resumed keeps its number.
-    Raises OutputError, OperatingError, ResumeError, EngineError, SearchError, MissingExtraError.
+    Raises OutputError, OperatingError, ResumeError, SearchError, MissingExtraError; EngineError and
+    FlightRefusedError with search.json as far as it came.
     """
     # First of all: it raises MissingExtraError before anything begins.
     strategy = make_strategy(search.part.strategy, search.space, search.campaign.seed)
@@ -250,13 +253,17 @@ class _SearchFlight:
         self._files: dict[str, str] = {}
 
     def fly(self, strategy: SearchStrategy) -> SearchOutcome:
-        """Fly until the search is complete, or is stopped."""
+        """Fly until the search is complete, or is stopped. Raises as `fly_search`."""
         search = Search(self._search.problem(at_once=self._ledger.at_once), strategy)
         try:
             stopped = self._fly_all(search)
         except KeyboardInterrupt:
             # Between two batches; within a batch the campaign lands its vehicles.
             stopped = "signal"
+        except (EngineError, FlightRefusedError) as error:
+            # A vehicle that is silent before the next batch, say: what was flown so far is shown.
+            self._write(search.findings, f"{error}; continue with --resume")
+            raise
         findings = search.findings
         ended = findings.ended if stopped is None else _STOPPED[stopped]
         self._write(findings, ended)

@@ -16,6 +16,7 @@ from wil_campaign.orchestrator.campaign.folder.campaign_folder import OutputErro
 from wil_campaign.orchestrator.campaign.folder.manifest import file_digest
 from wil_campaign.orchestrator.campaign.resuming.unchanged_campaign import ResumeError
 from wil_campaign.orchestrator.cli import main
+from wil_campaign.orchestrator.cli.arming_consent import FlightRefusedError
 from wil_campaign.plugins.search.errors import SearchError
 from wil_campaign.plugins.search.exploration.search_file import load_search
 from wil_campaign.plugins.search.exploration.space import Values
@@ -273,6 +274,23 @@ def test_an_internal_exception_beside_the_flights_is_said_with_exit_code_3(tmp_p
     said = "an internal exception came up beside the flights"
     assert said in search_text(load_search(path), outcome)
     assert said in write_search_page(load_search(path), outcome).read_text()
+
+
+def test_what_was_flown_is_shown_where_the_next_batch_is_refused(tmp_path: Path) -> None:
+    """As by a vehicle that is switched off while a person brings it back."""
+    path = write_search(tmp_path)
+
+    def refuse(batch: int) -> None:
+        if batch == 2:
+            raise FlightRefusedError("real: no heartbeat", 3)
+
+    with pytest.raises(FlightRefusedError):
+        flown(path, MadeUpEngine(before=refuse))
+    (written,) = tmp_path.glob("out/hover/search/*/search.json")
+    found = json.loads(written.read_text())
+    assert found["ended"] == "real: no heartbeat; continue with --resume"
+    assert len(found["variants"]) == 2
+    assert flown(path, MadeUpEngine(), resume=True).exit_code == 1
 
 
 @pytest.mark.parametrize(("passes", "code"), [(1, 3), (2, 3), (3, 0)])
