@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import psutil
 import pytest
@@ -20,6 +21,7 @@ from wil_campaign.orchestrator.campaign.campaign_runner import (
     fly_campaign,
 )
 from wil_campaign.orchestrator.campaign.flight_options import ClearedCampaign, FlightOptions
+from wil_campaign.orchestrator.campaign.folder.campaign_folder import OutputError
 from wil_campaign.orchestrator.campaign.workers.run_engine import EngineError
 from wil_campaign.orchestrator.cli import main
 from wil_campaign.orchestrator.cli.progress_display import SilentDisplay
@@ -31,6 +33,7 @@ from wil_campaign.plugins.cluster.node_messages import NodeFacts, encode_to_camp
 from wil_campaign.plugins.cluster.ray_agents import HIRED_S, hire_agents
 from wil_campaign.plugins.cluster.ray_engine import RayEngine, engine_address
 from wil_campaign.plugins.cluster.store import open_store
+from wil_campaign.plugins.cluster.travelling_files import TravellingFiles
 
 NEAR_ENDLESS = "autonomy: {use: still.py:Still, with: {ticks: 20000}}"
 
@@ -169,6 +172,23 @@ def test_a_file_of_the_node_that_changes_while_the_campaign_flies_ends_it(
         fly(campaign, tmp_path / "other", act=lambda _: net.write_text("other weights"))
     assert error.value.code == 3
     assert len(list(tmp_path.glob("other/hover/*/default/sim/*/result.json"))) == 1
+
+
+def test_files_that_changed_before_they_were_packed_are_not_flown(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A resumed campaign waits until what flew has landed: an edit meanwhile was flown with."""
+    campaign = load_campaign(write_hover(tmp_path), ExpansionOptions(repetitions=1))
+    source, pack = tmp_path / "still.py", ray_engine.pack_files
+
+    def edit_and_pack(*given: Any) -> TravellingFiles:
+        source.write_text(f"{source.read_text()}# changed\n")
+        return pack(*given)
+
+    monkeypatch.setattr(ray_engine, "pack_files", edit_and_pack)
+    with pytest.raises(OutputError, match=r"still\.py changed while the campaign flew"):
+        fly(campaign, tmp_path / "out")
+    assert not list(tmp_path.glob("out/**/result.json"))
 
 
 def test_a_worker_that_dies_in_flight_takes_one_run_which_is_not_flown_again(
