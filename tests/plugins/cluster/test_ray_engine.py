@@ -33,7 +33,7 @@ from wil_campaign.plugins.cluster.node_messages import NodeFacts, encode_to_camp
 from wil_campaign.plugins.cluster.ray_agents import HIRED_S, hire_agents
 from wil_campaign.plugins.cluster.ray_engine import RayEngine, engine_address
 from wil_campaign.plugins.cluster.store import open_store
-from wil_campaign.plugins.cluster.travelling_files import TravellingFiles
+from wil_campaign.plugins.cluster.travelling_files import TravellingFiles, pack_files
 
 NEAR_ENDLESS = "autonomy: {use: still.py:Still, with: {ticks: 20000}}"
 
@@ -179,11 +179,11 @@ def test_files_that_changed_before_they_were_packed_are_not_flown(
 ) -> None:
     """A resumed campaign waits until what flew has landed: an edit meanwhile was flown with."""
     campaign = load_campaign(write_hover(tmp_path), ExpansionOptions(repetitions=1))
-    source, pack = tmp_path / "still.py", ray_engine.pack_files
+    source = tmp_path / "still.py"
 
     def edit_and_pack(*given: Any) -> TravellingFiles:
         source.write_text(f"{source.read_text()}# changed\n")
-        return pack(*given)
+        return pack_files(*given)
 
     monkeypatch.setattr(ray_engine, "pack_files", edit_and_pack)
     with pytest.raises(OutputError, match=r"still\.py changed while the campaign flew"):
