@@ -265,7 +265,7 @@ def test_a_search_without_a_failure_is_exit_0_and_without_proof_exit_3(tmp_path:
     assert flown(path, MadeUpEngine(is_broken=True)).exit_code == 3
 
 
-def test_an_internal_exception_beside_the_flights_is_said_with_exit_code_3(tmp_path: Path) -> None:
+def test_a_search_with_an_internal_error_says_so(tmp_path: Path) -> None:
     """Nothing but the exit code told it from a search that confirmed a failure."""
     path = write_search(tmp_path)
     outcome = flown(path, MadeUpEngine(is_broken=True))
