@@ -232,6 +232,9 @@ class _Flight:
         )
         self._learning = LiftoffLearning(campaign, cleared.clock)
         self._workers = cleared.engine.workers(campaign, folder, self._say)
+        if not cleared.engine.reads_files_here:
+            # What its nodes get was packed just now; a resumed campaign may have waited minutes.
+            files.require_unchanged()
         self._pool = WorkerPool[RunOrder, RunResult](
             jobs=cleared.jobs,
             workers=self._workers,

@@ -1,9 +1,11 @@
 """Checks and consent before a campaign arms attached vehicles, which may be hardware."""
 
 import asyncio
+import contextlib
 import os
 import pwd
 import sys
+import termios
 from collections.abc import Collection, Iterable, Iterator
 from importlib.util import find_spec
 
@@ -295,7 +297,12 @@ def _ask_person(question: str) -> None:
 
 
 def _require_answer(question: str, answers: Collection[str]) -> None:
-    """Ask the person at the terminal. Raises RefusedError for any other answer."""
+    """Ask the person at the terminal. Raises RefusedError for any other answer.
+
+    What was typed before the question answers nothing: a search asks again after each flight.
+    """
+    with contextlib.suppress(OSError, termios.error):  # no terminal, or one that hung up
+        termios.tcflush(sys.stdin, termios.TCIFLUSH)
     sys.stderr.write(question)
     sys.stderr.flush()
     if sys.stdin.readline().strip().lower() not in answers:

@@ -61,6 +61,19 @@ def watched_head(
         over.set()
 
 
+def await_head(address: str, limit_s: float = _SILENT_S) -> bool:
+    """Wait until a head accepts a connection; return whether it has within `limit_s`.
+
+    address: HOST:PORT. Ray itself tries again and again, for more than ten minutes.
+    """
+    due_s = time.monotonic() + limit_s
+    while not _accepts_connection(address):
+        if time.monotonic() >= due_s:
+            return False
+        time.sleep(min(_POLL_S, max(0.0, due_s - time.monotonic())))
+    return True
+
+
 def _accepts_connection(address: str) -> bool:
     host, _, port = address.rpartition(":")
     try:

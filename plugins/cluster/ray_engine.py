@@ -10,10 +10,12 @@ import sysconfig
 import uuid
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext, suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
+
+from msgspec import structs
 
 from wil_campaign.campaigns.expansion.expansion import Campaign
 from wil_campaign.orchestrator.campaign.folder.manifest import (
@@ -33,7 +35,7 @@ from wil_campaign.plugins.cluster.cluster_places import (
     shortage_text,
     waiting_text,
 )
-from wil_campaign.plugins.cluster.head_watch import watched_head
+from wil_campaign.plugins.cluster.head_watch import await_head, watched_head
 from wil_campaign.plugins.cluster.node_messages import CampaignAnswer, CampaignBrought
 from wil_campaign.plugins.cluster.ray_agents import (
     HIRED_S,
@@ -189,11 +191,15 @@ class RayWorkers:
         """Return an agent whose node has the campaign. Raises NodeRefusedError, EngineError."""
         idle = self._engine.idle
         agent = idle.pop() if idle else await self._hire_counted()
+        brought = self._brought
         if agent.has_campaign:
-            return agent
+            if not brought.files.in_place:
+                return agent
+            # What it has is compared once more: nothing else sees that a file there has changed.
+            brought = structs.replace(brought, files=replace(brought.files, files=()))
         self._bringing += 1
         try:
-            await self._bring_campaign(agent)
+            await self._bring_campaign(agent, brought)
         except (EOFError, OSError) as error:
             agent.kill()
             raise NodeRefusedError(f"node {agent.node} is lost: {error}") from error
@@ -271,9 +277,9 @@ class RayWorkers:
             self._engine.reported.add(text)
             self._say(text)
 
-    async def _bring_campaign(self, agent: HiredAgent) -> None:
+    async def _bring_campaign(self, agent: HiredAgent, brought: CampaignBrought) -> None:
         """Send the campaign's files to a node. Raises NodeRefusedError, EOFError, OSError."""
-        await agent.send(self._brought)
+        await agent.send(brought)
         for message in await agent.receive():
             if isinstance(message, CampaignAnswer) and message.problem:
                 agent.kill()
@@ -378,6 +384,11 @@ def _start(ray: Any, cpus: int) -> None:
 
 def _join(ray: Any, address: str) -> None:
     """Join a cluster, of which this machine must be a node. Raises EngineError."""
+    if not await_head(address):
+        raise EngineError(
+            f"no head of a Ray cluster answers at {address}: start it with ray start --head, or "
+            "correct --engine"
+        )
     try:
         ray.init(address=address, log_to_driver=False, logging_level="ERROR")
     except (OSError, RuntimeError, ValueError, ray.exceptions.RayError) as error:

@@ -9,6 +9,7 @@ import hashlib
 import os
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from pathlib import Path
 
 from wil_campaign.orchestrator.campaign.folder.named_files import (
@@ -78,7 +79,10 @@ def different_in_place(sent: TravellingFiles) -> str:
     """Return which file that is named absolutely is another one on this machine; "" for none."""
     for file in sent.in_place:
         try:
-            same = stored_file_digest(file.name.expanduser()) == file.sha256
+            path = file.name.expanduser()
+            facts = path.stat()
+            state = facts.st_size, facts.st_mtime_ns, facts.st_ino
+            same = _digest_in_state(path, state) == file.sha256
         except (OSError, RuntimeError):
             same = False
         if not same:
@@ -89,6 +93,12 @@ def different_in_place(sent: TravellingFiles) -> str:
                 "copy it to the same place on every node"
             )
     return ""
+
+
+@lru_cache(maxsize=1000)
+def _digest_in_state(path: Path, _state: tuple[int, int, int]) -> str:
+    """Return the SHA-256 of a file, read once while it has the same size, time and inode."""
+    return stored_file_digest(path)
 
 
 def unpack_files(sent: TravellingFiles, folder: Path) -> None:

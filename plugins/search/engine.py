@@ -62,11 +62,17 @@ class BatchEngine:
                 self.watcher.say(f"{error}; the search ends")
                 return EngineResult(runs={}, stopped="command")
         outcome = fly_campaign(campaign, options, cleared, self.watcher, batch=folder)
+        runs = {f"{run.case}/{run.mode}/{run.rep}": run for run in outcome.summary.runs}
         stops: dict[int, Stop] = {_SIGNAL: "signal", _COMMAND: "command"}
+        stopped = stops.get(outcome.exit_code)
+        aborted = {name for name, run in runs.items() if run.verdict == "ABORTED"}
+        if outcome.summary.stopped is None and not aborted & outcome.announced:
+            # A real vehicle's flight that was cut off before is not flown again: it proves nothing.
+            stopped = None
         return EngineResult(
-            runs={f"{run.case}/{run.mode}/{run.rep}": run for run in outcome.summary.runs},
-            stopped=stops.get(outcome.exit_code),
-            is_broken=outcome.exit_code == _BROKEN,
+            runs=runs,
+            stopped=stopped,
+            is_broken=outcome.exit_code == _BROKEN or bool(outcome.summary.broken),
         )
 
     def _ask(self, campaign: Campaign, options: FlightOptions) -> ClearedCampaign:

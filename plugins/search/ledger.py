@@ -6,7 +6,7 @@ It alone decides which batches a resumed search flies again. An incomplete last 
 import dataclasses
 import json
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
@@ -30,12 +30,14 @@ def _outcomes_model() -> TypeAdapter[tuple[FlightOutcome, ...]]:
 class LedgerContents:
     """The contents of a ledger. at_once: how many flights the search proposes at once.
 
-    batches: as they were begun; outcomes: of finished batches; both by number.
+    batches: as they were begun; outcomes: of finished batches; both by number. code: digests of
+    what finished flights have imported, by path relative to the campaign file.
     """
 
     at_once: int
     batches: dict[int, Any] = field(default_factory=dict)
     outcomes: dict[int, tuple[FlightOutcome, ...]] = field(default_factory=dict)
+    code: dict[str, str] = field(default_factory=dict)
     is_broken: bool = False
 
 
@@ -58,6 +60,7 @@ def read_ledger(text: str) -> LedgerContents:
                     json.dumps(entry["outcomes"]), strict=True
                 )
                 contents.outcomes[int(entry["flown"])] = outcomes
+                contents.code |= dict(entry.get("code", {}))
                 contents.is_broken |= bool(entry["is_broken"])
         except (ValueError, KeyError, TypeError, ValidationError) as error:
             text = f"line {number} of {FILE_NAME} is damaged ({type(error).__name__})"
@@ -106,6 +109,11 @@ class SearchLedger:
         """Return whether a batch had an internal error."""
         return self._contents.is_broken
 
+    @property
+    def code(self) -> Mapping[str, str]:
+        """Return the digests of what finished flights have imported, by path."""
+        return self._contents.code
+
     def outcomes(self, batch: FlightBatch) -> tuple[FlightOutcome, ...] | None:
         """Return the outcomes of a batch; None if it is not finished.
 
@@ -128,13 +136,21 @@ class SearchLedger:
             self._append({"begun": plain})
 
     def finish(
-        self, batch: FlightBatch, outcomes: Sequence[FlightOutcome], *, is_broken: bool
+        self,
+        batch: FlightBatch,
+        outcomes: Sequence[FlightOutcome],
+        *,
+        code: Mapping[str, str],
+        is_broken: bool,
     ) -> None:
-        """Record the outcomes of a batch."""
+        """Record the outcomes of a batch. code: digests of what its flights imported, by path."""
         self._contents.outcomes[batch.number] = tuple(outcomes)
         self._contents.is_broken |= is_broken
+        new = {name: digest for name, digest in code.items() if name not in self._contents.code}
+        self._contents.code |= new
         plain = [dataclasses.asdict(outcome) for outcome in outcomes]
-        self._append({"flown": batch.number, "outcomes": plain, "is_broken": is_broken})
+        entry = {"flown": batch.number, "outcomes": plain, "code": new, "is_broken": is_broken}
+        self._append(entry)
 
     def _append(self, entry: dict[str, object]) -> None:
         with self._path.open("ab") as stream:

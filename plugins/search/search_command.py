@@ -33,7 +33,7 @@ from wil_campaign.plugins.search.exploration.coverage import space_coverage_of
 from wil_campaign.plugins.search.exploration.model import FailingCase
 from wil_campaign.plugins.search.exploration.search_campaign import SearchCampaign
 from wil_campaign.plugins.search.exploration.strategies import MissingExtraError
-from wil_campaign.plugins.search.search_document import FILE_NAME, unsettled_texts
+from wil_campaign.plugins.search.search_document import BROKEN, FILE_NAME, unsettled_texts
 from wil_campaign.plugins.search.search_flight import fly_search_file, write_search_report
 from wil_campaign.plugins.search.search_runner import SearchOutcome
 
@@ -63,16 +63,14 @@ def search_text(search: SearchCampaign, outcome: SearchOutcome) -> str:
 
 def _sentences(search: SearchCampaign, outcome: SearchOutcome) -> Iterator[str]:
     found = outcome.findings
-    failed = sum(
-        tried_variant.failed(mode)
-        for tried_variant in found.tried
-        for mode in list(tried_variant.outcomes)[-1:]
-    )
+    failed = sum(tried_variant.failed_last(found.modes) for tried_variant in found.tried)
     yield (
         f"{search.campaign.name}: {len(found.tried)} variants flown, {failed} failed, "
         f"{len(found.confirmed)} confirmed; {len(found.refused)} refused before a flight; "
         f"{outcome.ended}"
     )
+    if outcome.is_broken:
+        yield BROKEN
     yield from unsettled_texts(found)
     for gap in found.gaps:
         spread = "" if gap.spread is None else f", spread {gap.spread:.3f}"

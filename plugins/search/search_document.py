@@ -9,6 +9,10 @@ from wil_campaign.plugins.search.exploration.search_campaign import SearchCampai
 from wil_campaign.plugins.search.exploration.sensed import EDGES_M, SensedCoverage, sensed_coverage
 
 FILE_NAME = "search.json"
+BROKEN = (
+    "an internal exception came up beside the flights (log.jsonl in a folder of flights/ has it): "
+    "the search ends with exit code 3"
+)
 
 
 def search_document(
@@ -18,9 +22,11 @@ def search_document(
     ended: str,
     files: Mapping[str, str],
     at_once: int,
+    is_broken: bool,
 ) -> dict[str, Any]:
     """Return the document of a search. ended: why it ended. files: of confirmed failures, by name.
 
+    is_broken: there was an internal error beside its flights.
     Only `wall_s` depends on the machine.
     """
     part = search.part
@@ -48,6 +54,7 @@ def search_document(
         ],
         "constraints": [constraint.text for constraint in search.space.constraints],
         "ended": ended,
+        "broken": is_broken,
         "failures": [
             _failure_entry(search, failing_case, files) for failing_case in findings.cases
         ],
@@ -106,15 +113,17 @@ def unsettled_texts(findings: SearchFindings) -> list[str]:
     for gap in findings.gaps:
         if doubtful := len(findings.doubtful(gap)):
             word, were = ("variant", "was") if doubtful == 1 else ("variants", "were")
+            few = len(gap.differences)
+            by = "by the gap" if gap.is_measured else f"as {few} pairs do not measure the gap"
             texts.append(
-                f"{doubtful} {word} may fail in {gap.upper} by the gap, and {were} not flown "
-                "there: the budget is used up"
+                f"{doubtful} {word} may fail in {gap.upper} {by}, and {were} not flown there: the "
+                "budget is used up"
             )
     for mode in findings.modes:
         if unproven := len(findings.unproven_in(mode)):
             count = len(findings.flown_in(mode))
             where = "" if mode == findings.modes[0] else f" in {mode}"
-            texts.append(f"{unproven} of {count} variants proved nothing{where}: INVALID or ERROR")
+            texts.append(f"{unproven} of {count} variants proved nothing{where} (no PASS, no FAIL)")
     return texts
 
 

@@ -1,5 +1,6 @@
 """The campaign's `search`: which variants are tried to find one that fails."""
 
+import math
 from typing import Annotated, Literal, Self
 
 from pydantic import Field, field_validator, model_validator
@@ -38,6 +39,8 @@ class ParameterPart(Part):
             raise ValueError("give from and to, or choices")
         if self.from_ >= self.to:
             raise KeyFaultError("to", f"must be above from, {self.from_:g}, is {self.to:g}")
+        if not math.isfinite(self.to - self.from_):
+            raise KeyFaultError("to", f"is too far from from, {self.from_:g}")
         if self.integer:
             for key, value in (("from", self.from_), ("to", self.to)):
                 if not value.is_integer():

@@ -32,9 +32,12 @@ from wil_campaign.orchestrator.campaign.folder.manifest import (
     maybe_written_files,
 )
 from wil_campaign.orchestrator.campaign.resuming.unchanged_campaign import (
+    ResumeError,
     resumed_folder,
     resumed_manifest,
 )
+from wil_campaign.orchestrator.campaign.workers.run_engine import EngineError
+from wil_campaign.orchestrator.cli.arming_consent import FlightRefusedError
 from wil_campaign.orchestrator.run_results.attempts import ended_attempts, passed_text
 from wil_campaign.orchestrator.run_results.run_result import RunResult, Stop
 from wil_campaign.plugins.search.engine import SearchEngine
@@ -153,13 +156,17 @@ _CODES: Mapping[Stop, int] = {"signal": 130, "command": 4}
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SearchOutcome:
-    """The outcome of a search. ended: why it ended. files: of confirmed failures, by variant."""
+    """The outcome of a search. ended: why it ended. files: of confirmed failures, by variant.
+
+    is_broken: there was an internal error beside its flights.
+    """
 
     findings: SearchFindings
     folder: Path
     ended: str
     files: Mapping[str, str]
     exit_code: int
+    is_broken: bool = False
 
 
 def fly_search(
@@ -172,7 +179,8 @@ def fly_search(
     """Fly a search and write its folder, beneath `options.out`.
 
     It proposes as many flights at once as `cleared` has jobs; one that is resumed keeps its number.
-    Raises OutputError, OperatingError, ResumeError, EngineError, SearchError, MissingExtraError.
+    Raises OutputError, OperatingError, ResumeError, SearchError, MissingExtraError; EngineError and
+    FlightRefusedError with search.json as far as it came.
     """
     # First of all: it raises MissingExtraError before anything begins.
     strategy = make_strategy(search.part.strategy, search.space, search.campaign.seed)
@@ -209,8 +217,18 @@ def _begin(
         document = resumed_manifest(folder, document)
         stack.enter_context(locked_campaign_folder(folder))
         ledger = SearchLedger.resumed(folder)
+        if cleared.engine.reads_files_here:
+            _require_same_code(folder, files, ledger)
     write_atomically(folder / "campaign.json", to_json(document))
     return folder, ledger, files
+
+
+def _require_same_code(folder: Path, files: FlownFiles, ledger: SearchLedger) -> None:
+    """Raise ResumeError where code of the user's changed that only the finished flights name."""
+    try:
+        files.require_code_on_disk("its finished flights", ledger.code)
+    except OutputError as error:
+        raise ResumeError(f"{folder} cannot be resumed: {error}") from error
 
 
 class _SearchFlight:
@@ -235,13 +253,17 @@ class _SearchFlight:
         self._files: dict[str, str] = {}
 
     def fly(self, strategy: SearchStrategy) -> SearchOutcome:
-        """Fly until the search is complete, or is stopped."""
+        """Fly until the search is complete, or is stopped. Raises as `fly_search`."""
         search = Search(self._search.problem(at_once=self._ledger.at_once), strategy)
         try:
             stopped = self._fly_all(search)
         except KeyboardInterrupt:
             # Between two batches; within a batch the campaign lands its vehicles.
             stopped = "signal"
+        except (EngineError, FlightRefusedError) as error:
+            # A vehicle that is silent before the next batch, say: what was flown so far is shown.
+            self._write(search.findings, f"{error}; continue with --resume")
+            raise
         findings = search.findings
         ended = findings.ended if stopped is None else _STOPPED[stopped]
         self._write(findings, ended)
@@ -250,6 +272,7 @@ class _SearchFlight:
             folder=self._folder,
             ended=ended,
             files=dict(self._files),
+            is_broken=self._ledger.is_broken,
             exit_code=search_exit_code(findings, stopped=stopped, is_broken=self._ledger.is_broken),
         )
 
@@ -283,14 +306,16 @@ class _SearchFlight:
         result = self._engine.fly(campaign, folder)
         if result.stopped is not None:
             return result.stopped
+        code: dict[str, str] = {}
         for name, run in result.runs.items():
             self._flown_files.require_same_code(name, run.code)
+            code |= run.code
         plans = {plan.name: plan for plan in campaign.runs}
         outcomes = tuple(
             self._outcome(result.runs[name], plans[name], folder / name)
             for name in map(_run_name, batch.flights)
         )
-        self._ledger.finish(batch, outcomes, is_broken=result.is_broken)
+        self._ledger.finish(batch, outcomes, code=code, is_broken=result.is_broken)
         return outcomes
 
     def _outcome(self, result: RunResult, plan: RunPlan, folder: Path) -> FlightOutcome:
@@ -314,7 +339,12 @@ class _SearchFlight:
             write_atomically(path, failure_text(self._search, case, place))
             self._files[case.variant.name] = f"{FOLDER}/{path.name}"
         document = search_document(
-            self._search, findings, ended=ended, files=self._files, at_once=self._ledger.at_once
+            self._search,
+            findings,
+            ended=ended,
+            files=self._files,
+            at_once=self._ledger.at_once,
+            is_broken=self._ledger.is_broken,
         )
         write_atomically(self._folder / FILE_NAME, to_json(document))
 

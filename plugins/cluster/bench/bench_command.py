@@ -3,9 +3,7 @@
 Consent to arm the vehicle of a bench, given at its terminal for a campaign of the cluster.
 """
 
-import sys
 import tempfile
-import termios
 import threading
 from multiprocessing.connection import Listener
 from pathlib import Path
@@ -43,7 +41,6 @@ def consent_at_bench(bench: Bench, request: ConsentAsked) -> ConsentAnswer:
             require_may_arm((bench,), user_name())
         found = find_vehicles_to_arm((bench.vehicle,))
         if request.arm:
-            termios.tcflush(sys.stdin, termios.TCIFLUSH)
             ask_to_arm(what, request.runs, found)
     except FlightRefusedError as error:
         write_stderr(f"{what}: {error}")

@@ -47,7 +47,7 @@ class LearningStrategy:
         self._rng = np.random.default_rng(seed)
         self._trials: dict[int, Any] = {}
         points = space.listed()
-        self._unseen = None if points is None else {point_key(point): None for point in points}
+        self._unseen = None if points is None else {point_key(point): point for point in points}
         with _quiet():
             self._study = self._optuna.create_study(sampler=self._sampler(name, seed))
 
@@ -91,10 +91,7 @@ class LearningStrategy:
             if not self._unseen:
                 return False
             keys = list(self._unseen)
-            drawn = keys[int(self._rng.integers(len(keys)))]
-            point = dict(
-                zip((parameter.name for parameter in self._space.parameters), drawn, strict=True)
-            )
+            point = self._unseen[keys[int(self._rng.integers(len(keys)))]]
         else:
             found = random_point(self._space, self._rng)
             if found is None:
@@ -132,9 +129,9 @@ def _suggested(trial: Any, parameter: SpaceParameter) -> ParameterValue:
     return parameter.rounded(float(given))
 
 
-def _written(parameter: SpaceParameter, value: ParameterValue) -> ParameterValue:
+def _written(parameter: SpaceParameter, value: ParameterValue) -> ParameterValue | None:
     """Return a parameter's value in optuna's form: the index of a choice."""
-    return parameter.choices.index(value) if parameter.choices else value
+    return parameter.choice_index(value) if parameter.choices else value
 
 
 def _import_optuna(name: str) -> Any:

@@ -68,6 +68,14 @@ class FlightOutcome:
     wall_s: float = 0.0
     sensed: tuple[SensedView, ...] = ()
 
+    @property
+    def is_at_floor(self) -> bool:
+        """Return whether a failure has the value 0, from which nothing says how bad it was.
+
+        A contact is 0 however hard it was, and so is what another oracle than the objective failed.
+        """
+        return self.verdict == "FAIL" and self.value == 0.0
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SearchProblem:
@@ -268,10 +276,9 @@ class SearchFindings:
     def doubtful(self, gap: ModeGap) -> tuple[TriedVariant, ...]:
         """Return the variants that may fail in the costlier mode of a gap and were not flown there.
 
-        Without those that failed in the cheaper one, which are open failures.
+        Without those that failed in the cheaper one, which are open failures. Where too few pairs
+        measure the gap, each of them may.
         """
-        if not gap.is_measured:
-            return ()
         return tuple(
             tried_variant
             for tried_variant in self.tried

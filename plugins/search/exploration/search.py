@@ -25,7 +25,7 @@ from wil_campaign.plugins.search.exploration.model import (
     TriedVariant,
 )
 from wil_campaign.plugins.search.exploration.reduction import reduced_variants, values_without_own
-from wil_campaign.plugins.search.exploration.strategies import SearchStrategy
+from wil_campaign.plugins.search.exploration.strategies import SearchStrategy, point_key
 from wil_campaign.plugins.search.exploration.votes import votes_of, votes_standing
 
 _Flown = Generator[FlightBatch, Sequence[FlightOutcome], tuple[FlightOutcome, ...]]
@@ -160,7 +160,10 @@ class Search:
         self._gaps.append(self._gap(lower, upper))
 
     def _gap(self, lower: Mode, upper: Mode) -> ModeGap:
-        """Return the gap of all variants that were flown in both modes, paired by seed."""
+        """Return the gap of all variants that were flown in both modes, paired by seed.
+
+        Without pairs of which one is at the floor: their difference would be too near to 0.
+        """
         pairs = [
             (low.value, high.value)
             for tried_variant in self._tried.values()
@@ -169,6 +172,7 @@ class Search:
                 tried_variant.outcomes.get(upper, ()),
                 strict=False,
             )
+            if not (low.is_at_floor or high.is_at_floor)
         ]
         differences = (high - low for low, high in pairs if low is not None and high is not None)
         return ModeGap(lower, upper, tuple(differences))
@@ -189,14 +193,24 @@ class Search:
             self._tried[variant.name] = replace(before, outcomes=by_mode)
 
     def _confirm_all(self, mode: Mode) -> Steps:
-        """Fly failing variants again, up to the limit: new causes first, then the worst."""
+        """Fly failing variants again, up to the limit: new causes first, then the worst.
+
+        Values that are confirmed already are not, though a strategy may propose them twice.
+        """
         while len(self._cases) < self._problem.confirm_most and not self._is_enough:
             done = {failing_case.variant.name for failing_case in self._cases}
             causes = {failing_case.cause for failing_case in self._cases}
+            known = {
+                point_key(failing_case.variant.values)
+                for failing_case in self._cases
+                if failing_case.standing == "confirmed"
+            }
             failing = [
                 tried_variant
                 for tried_variant in self._tried.values()
-                if tried_variant.failed(mode) and tried_variant.variant.name not in done
+                if tried_variant.failed(mode)
+                and tried_variant.variant.name not in done
+                and point_key(tried_variant.variant.values) not in known
             ]
             if not failing:
                 return

@@ -69,11 +69,18 @@ class SpaceParameter:
         None where the parameter has no such value: none of its choices, or outside of its limits.
         """
         if self.choices:
-            known = value in self.choices
-            return (self.choices.index(value) + 0.5) / len(self.choices) if known else None
+            index = self.choice_index(value)
+            return None if index is None else (index + 0.5) / len(self.choices)
         if isinstance(value, str | bool) or not self.low <= value <= self.high:
             return None
         return (float(value) - self.low) / (self.high - self.low)
+
+    def choice_index(self, value: ParameterValue) -> int | None:
+        """Return the index of a choice, of which true is not 1; None for another value."""
+        for index, choice in enumerate(self.choices):
+            if choice == value and isinstance(choice, bool) == isinstance(value, bool):
+                return index
+        return None
 
     @property
     def levels(self) -> tuple[ParameterValue, ...]:

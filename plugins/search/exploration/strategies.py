@@ -15,6 +15,8 @@ from wil_campaign.plugins.search.search_part import ParameterValue, StrategyName
 _ATTEMPTS = 20_000
 """Inadmissible points in a row after which the space is considered exhausted."""
 _SOBOL_CHUNK = 64
+_MOST_LISTED = 1_000_000
+"""Points of a grid that is listed: each takes some 300 bytes and 4 microseconds."""
 _MOST_ROWS = 50_000
 """Combinations of levels among which pairs are looked for that a constraint cut out."""
 
@@ -87,7 +89,18 @@ def random_point(space: SearchSpace, rng: np.random.Generator) -> Point | None:
 
 
 def _grid(space: SearchSpace, seed: int) -> Iterator[Point]:
-    """Return the grid in random order by the seed, so that a part of it covers all of the space."""
+    """Return the grid in random order by the seed, so that a part of it covers all of the space.
+
+    A grid too large to list is drawn point by point.
+    """
+    names = [parameter.name for parameter in space.parameters]
+    levels = [parameter.levels for parameter in space.parameters]
+    counts = [len(values) for values in levels]
+    if math.prod(counts) > _MOST_LISTED:
+        rng = np.random.default_rng(seed)
+        rows = (rng.integers(counts).tolist() for _ in _forever())
+        drawn = ([values[i] for values, i in zip(levels, row, strict=True)] for row in rows)
+        return _unseen(space, (dict(zip(names, point, strict=True)) for point in drawn))
     points = list(space.grid())
     order = np.random.default_rng(seed).permutation(len(points))
     return (points[index] for index in order)
@@ -157,24 +170,25 @@ def _sobol(space: SearchSpace, seed: int) -> Iterator[Point]:
     from scipy.stats import qmc
 
     sequence = qmc.Sobol(len(space.parameters), rng=np.random.default_rng(seed))
-    return _unseen(space, (row for _ in _forever() for row in sequence.random(_SOBOL_CHUNK)))
+    rows = (row for _ in _forever() for row in sequence.random(_SOBOL_CHUNK).tolist())
+    return _unseen(space, map(space.at, rows))
 
 
 def _random(space: SearchSpace, seed: int) -> Iterator[Point]:
     rng = np.random.default_rng(seed)
-    return _unseen(space, (rng.random(len(space.parameters)) for _ in _forever()))
+    rows = (rng.random(len(space.parameters)).tolist() for _ in _forever())
+    return _unseen(space, map(space.at, rows))
 
 
 def _forever() -> Iterator[int]:
     return iter(int, 1)
 
 
-def _unseen(space: SearchSpace, rows: Iterator[np.ndarray]) -> Iterator[Point]:
+def _unseen(space: SearchSpace, points: Iterator[Point]) -> Iterator[Point]:
     """Yield admissible points once each; end after many in a row without one."""
-    seen: set[tuple[ParameterValue, ...]] = set()
+    seen: set[tuple[tuple[bool, ParameterValue], ...]] = set()
     missed = 0
-    for row in rows:
-        point = space.at(row.tolist())
+    for point in points:
         key = point_key(point)
         missed += 1
         if key not in seen and space.admits(point):
@@ -185,6 +199,6 @@ def _unseen(space: SearchSpace, rows: Iterator[np.ndarray]) -> Iterator[Point]:
             return
 
 
-def point_key(point: Values) -> tuple[ParameterValue, ...]:
-    """Return a hashable key of a point."""
-    return tuple(point.values())
+def point_key(point: Values) -> tuple[tuple[bool, ParameterValue], ...]:
+    """Return a hashable key of a point: true is not 1, which is equal in Python."""
+    return tuple((isinstance(value, bool), value) for value in point.values())

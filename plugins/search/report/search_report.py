@@ -18,7 +18,7 @@ from wil_campaign.plugins.search.exploration.sensed import SensedCoverage
 from wil_campaign.plugins.search.exploration.space import SearchSpace
 from wil_campaign.plugins.search.report.sensed_svg import sensed_panels
 from wil_campaign.plugins.search.report.space_svg import space_panels
-from wil_campaign.plugins.search.search_document import sensed_coverage_of, unsettled_texts
+from wil_campaign.plugins.search.search_document import BROKEN, sensed_coverage_of, unsettled_texts
 from wil_campaign.plugins.search.search_runner import SearchOutcome
 
 
@@ -70,7 +70,7 @@ def write_search_page(search: SearchCampaign, outcome: SearchOutcome) -> Path:
         objective=search.part.oracles,
         ended=outcome.ended,
         exit_code=outcome.exit_code,
-        unsettled=tuple(unsettled_texts(findings)),
+        unsettled=(*([BROKEN] if outcome.is_broken else []), *unsettled_texts(findings)),
         files=outcome.files,
         coverage=space_coverage_of(search.space, findings.proven_values),
         sensed=sensed_coverage_of(findings),

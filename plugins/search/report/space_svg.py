@@ -124,8 +124,10 @@ def _marks(
 
 
 def _variant_mark(tried: TriedVariant, x: float, y: float) -> Markup:
-    """Return a variant's mark, by the verdicts of the last mode that flew it."""
-    outcomes = list(tried.outcomes.values())[-1]
+    """Return a variant's mark, by the verdicts of the last mode with a PASS or a FAIL."""
+    modes = list(tried.outcomes)
+    proven = [mode for mode in modes if tried.failed(mode) or tried.passed(mode)]
+    outcomes = tried.outcomes[(proven or modes)[-1]]
     verdicts = {outcome.verdict for outcome in outcomes}
     title = svg_element("title", {}, [f"{tried.variant.name}: {', '.join(sorted(verdicts))}"])
     if "FAIL" in verdicts:

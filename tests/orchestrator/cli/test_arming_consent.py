@@ -25,6 +25,8 @@ from wil_campaign.orchestrator.campaign.flight_options import USUAL, ClearedCamp
 from wil_campaign.orchestrator.cli import arming_consent, main
 from wil_campaign.orchestrator.cli.arming_consent import (
     FlightRefusedError,
+    NotConfirmedError,
+    ask_to_arm,
     clear_for_flight,
     require_may_arm,
 )
@@ -280,6 +282,38 @@ def two_boards() -> Iterator[Campaign]:
 
 def clear_both(flown: Campaign) -> ClearedCampaign:
     return clear_for_flight(flown, FlightOptions(arm_real=True, arm_actors=True))
+
+
+class Typing(Terminal):
+    """A screen before which somebody types once a question stands on it."""
+
+    def __init__(self, keyboard: int, text: bytes) -> None:
+        super().__init__()
+        self._keyboard, self._text = keyboard, text
+
+    def flush(self) -> None:
+        super().flush()
+        if self.getvalue().endswith("[y/N] "):
+            os.write(self._keyboard, self._text)
+
+
+@pytest.mark.parametrize("answer", ["n", "y"])
+def test_what_was_typed_before_the_question_is_no_consent(
+    monkeypatch: pytest.MonkeyPatch, answer: str
+) -> None:
+    """A yes typed in flight had a search arm the next variant with nobody near the vehicle."""
+    keyboard, terminal = os.openpty()
+    os.write(keyboard, b"y\ny\n")
+    with os.fdopen(terminal) as stream:
+        monkeypatch.setattr(sys, "stdin", stream)
+        monkeypatch.setattr(sys, "stderr", Typing(keyboard, f"{answer}\n".encode()))
+        for _ in range(2):  # nor does the first answer's rest answer the second question
+            if answer == "y":
+                ask_to_arm("campaign 'gate'", 1, ())
+                continue
+            with pytest.raises(NotConfirmedError):
+                ask_to_arm("campaign 'gate'", 1, ())
+    os.close(keyboard)
 
 
 @pytest.mark.parametrize(

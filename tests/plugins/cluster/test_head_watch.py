@@ -9,8 +9,10 @@ from types import SimpleNamespace
 
 import pytest
 
-from wil_campaign.plugins.cluster import head_watch
-from wil_campaign.plugins.cluster.head_watch import watched_head
+from tests.plugins.cluster.fake_ray import FakeExceptions
+from wil_campaign.orchestrator.campaign.workers.run_engine import EngineError
+from wil_campaign.plugins.cluster import head_watch, ray_engine
+from wil_campaign.plugins.cluster.head_watch import await_head, watched_head
 
 
 def test_a_head_that_is_gone_ends_the_program_and_one_that_answers_does_not(
@@ -52,6 +54,23 @@ def test_a_head_that_is_silent_ends_the_program_as_soon_as_one_that_refuses(
     with watched_head("127.0.0.1:9", poll_s=0.001, silent_s=30.0, end=lambda _: ended.set()):
         assert ended.wait(20)
     assert tries[-1] == 30.0
+
+
+def test_a_cluster_without_a_head_is_not_joined(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Ray tried for more than ten minutes, with nothing said but its own log."""
+    ray = SimpleNamespace(
+        init=lambda **_: pytest.fail("joined"), shutdown=lambda: None, exceptions=FakeExceptions
+    )
+    monkeypatch.setattr(ray_engine, "_import_ray", lambda: ray)
+    monkeypatch.setattr(ray_engine, "await_head", lambda address: await_head(address, 0.1))
+    with socket.create_server(("127.0.0.1", 0)) as head:
+        address = f"127.0.0.1:{head.getsockname()[1]}"
+        assert await_head(address)
+    with (
+        pytest.raises(EngineError, match=f"no head of a Ray cluster answers at {address}"),
+        ray_engine.running_ray(address),
+    ):
+        pass
 
 
 def test_a_program_that_is_over_is_not_ended() -> None:

@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import psutil
 import pytest
@@ -20,6 +21,7 @@ from wil_campaign.orchestrator.campaign.campaign_runner import (
     fly_campaign,
 )
 from wil_campaign.orchestrator.campaign.flight_options import ClearedCampaign, FlightOptions
+from wil_campaign.orchestrator.campaign.folder.campaign_folder import OutputError
 from wil_campaign.orchestrator.campaign.workers.run_engine import EngineError
 from wil_campaign.orchestrator.cli import main
 from wil_campaign.orchestrator.cli.progress_display import SilentDisplay
@@ -31,6 +33,7 @@ from wil_campaign.plugins.cluster.node_messages import NodeFacts, encode_to_camp
 from wil_campaign.plugins.cluster.ray_agents import HIRED_S, hire_agents
 from wil_campaign.plugins.cluster.ray_engine import RayEngine, engine_address
 from wil_campaign.plugins.cluster.store import open_store
+from wil_campaign.plugins.cluster.travelling_files import TravellingFiles, pack_files
 
 NEAR_ENDLESS = "autonomy: {use: still.py:Still, with: {ticks: 20000}}"
 
@@ -152,6 +155,40 @@ def test_a_cluster_flies_the_same_to_the_byte_from_files_that_travel(
     assert fly(campaign, tmp_path / "cluster", workers=0, resume=True).folder == flown.folder
     assert result.stat().st_mtime_ns == written
     assert events(flown.folder) == ["begun", "ordered", "ended", "begun"]
+
+
+def test_a_file_of_the_node_that_changes_while_the_campaign_flies_ends_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A file that is named absolutely does not travel: later runs flew with another one."""
+    monkeypatch.setattr(ray_engine, "_PAUSE_S", 0.001)
+    path, net = write_hover(tmp_path), tmp_path / "net.onnx"
+    net.write_text("weights")
+    named = f"autonomy: {{use: still.py:Still, with: {{model: '{net}'}}}}"
+    path.write_text(path.read_text().replace("autonomy: still.py:Still", named))
+    campaign = load_campaign(path, ExpansionOptions(repetitions=3))
+    assert fly(campaign, tmp_path / "same").exit_code == 0
+    with pytest.raises(EngineError, match=r"net\.onnx is not the file that it is") as error:
+        fly(campaign, tmp_path / "other", act=lambda _: net.write_text("other weights"))
+    assert error.value.code == 3
+    assert len(list(tmp_path.glob("other/hover/*/default/sim/*/result.json"))) == 1
+
+
+def test_files_that_changed_before_they_were_packed_are_not_flown(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A resumed campaign waits until what flew has landed: an edit meanwhile was flown with."""
+    campaign = load_campaign(write_hover(tmp_path), ExpansionOptions(repetitions=1))
+    source = tmp_path / "still.py"
+
+    def edit_and_pack(*given: Any) -> TravellingFiles:
+        source.write_text(f"{source.read_text()}# changed\n")
+        return pack_files(*given)
+
+    monkeypatch.setattr(ray_engine, "pack_files", edit_and_pack)
+    with pytest.raises(OutputError, match=r"still\.py changed while the campaign flew"):
+        fly(campaign, tmp_path / "out")
+    assert not list(tmp_path.glob("out/**/result.json"))
 
 
 def test_a_worker_that_dies_in_flight_takes_one_run_which_is_not_flown_again(

@@ -1,6 +1,6 @@
 """A search whose flights take a second or two, and an engine that flies nothing."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from tests.orchestrator.hover import write_hover
@@ -31,7 +31,10 @@ def write_search(folder: Path, search: str = SEARCH) -> Path:
 
 
 class MadeUpEngine:
-    """Flies nothing: each run comes to what its altitude says. flown: runs, in their order."""
+    """Flies nothing: each run comes to what its altitude says. flown: runs, in their order.
+
+    code: digests of what its flights import, by path.
+    """
 
     def __init__(
         self,
@@ -39,8 +42,10 @@ class MadeUpEngine:
         before: Callable[[int], None] = lambda _: None,
         stopped: Callable[[int], Stop | None] = lambda _: None,
         verdict: Callable[[float], Verdict] = lambda margin_m: "FAIL" if margin_m < 0.0 else "PASS",
+        code: Mapping[str, str] | None = None,
         is_broken: bool = False,
     ) -> None:
+        self._code = code or {}
         self.flown: list[str] = []
         self._before = before
         self._stopped = stopped
@@ -83,4 +88,5 @@ class MadeUpEngine:
             sync=SyncResult(),
             mixing=None,
             decided_by="altitude/twin" if verdict == "FAIL" else "",
+            code=self._code,
         )

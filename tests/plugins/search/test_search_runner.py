@@ -13,8 +13,10 @@ from tests.plugins.search.searches import SEARCH, MadeUpEngine, write_search
 from wil_campaign.campaigns.expansion.expansion import ExpansionOptions, load_campaign
 from wil_campaign.orchestrator.campaign.flight_options import ClearedCampaign, FlightOptions
 from wil_campaign.orchestrator.campaign.folder.campaign_folder import OutputError
+from wil_campaign.orchestrator.campaign.folder.manifest import file_digest
 from wil_campaign.orchestrator.campaign.resuming.unchanged_campaign import ResumeError
 from wil_campaign.orchestrator.cli import main
+from wil_campaign.orchestrator.cli.arming_consent import FlightRefusedError
 from wil_campaign.plugins.search.errors import SearchError
 from wil_campaign.plugins.search.exploration.search_file import load_search
 from wil_campaign.plugins.search.exploration.space import Values
@@ -138,6 +140,25 @@ def test_a_file_that_changes_in_a_flight_ends_the_search(tmp_path: Path, name: s
     assert not set(first.flown) & set(second.flown)
 
 
+def test_a_search_is_not_resumed_with_other_code_that_only_its_flights_imported(
+    tmp_path: Path,
+) -> None:
+    """The manifest does not name it: the autonomy imports it in flight, by a name that it makes."""
+    path = write_search(tmp_path)
+    helper = tmp_path / "helper.py"
+    helper.write_text("VZ = 0.0\n")
+    code = {"helper.py": file_digest(helper)}
+    stopped = MadeUpEngine(code=code, stopped=lambda batch: "signal" if batch == 2 else None)
+    flown(path, stopped)
+    helper.write_text("VZ = 0.5\n")
+    with pytest.raises(ResumeError, match=r"helper\.py changed since its finished flights flew"):
+        flown(path, MadeUpEngine(), resume=True)
+    helper.write_text("VZ = 0.0\n")
+    again = MadeUpEngine(code=code)
+    assert flown(path, again, resume=True).exit_code == 1
+    assert not set(stopped.flown) & set(again.flown)
+
+
 def test_a_ledger_of_other_proposals_or_a_damaged_one_is_refused(tmp_path: Path) -> None:
     path = write_search(tmp_path)
     outcome = flown(path, MadeUpEngine(stopped=lambda batch: "signal" if batch == 3 else None))
@@ -244,6 +265,34 @@ def test_a_search_without_a_failure_is_exit_0_and_without_proof_exit_3(tmp_path:
     assert flown(path, MadeUpEngine(is_broken=True)).exit_code == 3
 
 
+def test_a_search_with_an_internal_error_says_so(tmp_path: Path) -> None:
+    """Nothing but the exit code told it from a search that confirmed a failure."""
+    path = write_search(tmp_path)
+    outcome = flown(path, MadeUpEngine(is_broken=True))
+    assert outcome.exit_code == 3
+    assert document(outcome)["broken"] is True
+    said = "an internal exception came up beside the flights"
+    assert said in search_text(load_search(path), outcome)
+    assert said in write_search_page(load_search(path), outcome).read_text()
+
+
+def test_what_was_flown_is_shown_where_the_next_batch_is_refused(tmp_path: Path) -> None:
+    """As by a vehicle that is switched off while a person brings it back."""
+    path = write_search(tmp_path)
+
+    def refuse(batch: int) -> None:
+        if batch == 2:
+            raise FlightRefusedError("real: no heartbeat", 3)
+
+    with pytest.raises(FlightRefusedError):
+        flown(path, MadeUpEngine(before=refuse))
+    (written,) = tmp_path.glob("out/hover/search/*/search.json")
+    found = json.loads(written.read_text())
+    assert found["ended"] == "real: no heartbeat; continue with --resume"
+    assert len(found["variants"]) == 2
+    assert flown(path, MadeUpEngine(), resume=True).exit_code == 1
+
+
 @pytest.mark.parametrize(("passes", "code"), [(1, 3), (2, 3), (3, 0)])
 def test_a_search_that_proved_nothing_of_half_its_variants_is_3(
     tmp_path: Path, passes: int, code: int
@@ -258,7 +307,7 @@ def test_a_search_that_proved_nothing_of_half_its_variants_is_3(
     outcome = flown(path, MadeUpEngine(verdict=some))
     assert (len(outcome.findings.tried), outcome.exit_code) == (4, code)
     said = search_text(load_search(path, ExpansionOptions()), outcome)
-    assert f"{4 - passes} of 4 variants proved nothing: INVALID or ERROR" in said
+    assert f"{4 - passes} of 4 variants proved nothing (no PASS, no FAIL)" in said
 
 
 @pytest.mark.parametrize(("proven", "code"), [(0, 3), (2, 3), (3, 0)])
@@ -275,7 +324,7 @@ def test_a_search_whose_dearest_mode_proved_nothing_of_half_its_variants_is_3(
     findings, _ = searched(given, answer, strategy="sobol")
     assert search_exit_code(findings, stopped=None, is_broken=False) == code
     assert unsettled_texts(findings) == [
-        f"{4 - proven} of 4 variants proved nothing in wil: INVALID or ERROR"
+        f"{4 - proven} of 4 variants proved nothing in wil (no PASS, no FAIL)"
     ]
 
 
@@ -291,6 +340,13 @@ def test_variants_that_may_fail_in_the_dearest_mode_and_were_left_are_named(budg
     assert search_exit_code(findings, stopped=None, is_broken=False) == 0
     said = "34 variants may fail in wil by the gap, and were not flown there: the budget is used up"
     assert unsettled_texts(findings) == ([said] if budget == 6 else [])
+
+
+def test_variants_that_were_left_before_the_gap_was_measured_are_named() -> None:
+    given = problem(plane(), budget={"sim": 40, "wil": 2})
+    findings, _ = searched(given, lambda *_: 0.5, strategy="sobol")
+    (said,) = unsettled_texts(findings)
+    assert "38 variants may fail in wil as 2 pairs do not measure the gap, and were not" in said
 
 
 def test_what_proved_nothing_is_not_counted_as_covered(tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 import itertools
 import math
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -16,6 +17,7 @@ from tests.plugins.search.exploration.made_up import (
     searched,
 )
 from wil_campaign.plugins.search.exploration import strategies
+from wil_campaign.plugins.search.exploration.coverage import space_coverage_of
 from wil_campaign.plugins.search.exploration.gap import ModeGap, variants_passed_on
 from wil_campaign.plugins.search.exploration.model import FlightBatch, FlightOutcome, SearchVariant
 from wil_campaign.plugins.search.exploration.search import (
@@ -118,6 +120,24 @@ def test_a_finite_space_is_tried_once_and_no_more() -> None:
         points = [tuple(one.variant.values.items()) for one in findings.tried]
         assert len(points) == len(set(points)) == 6, strategy
         assert findings.ended == EXHAUSTED
+
+
+@pytest.mark.parametrize("strategy", ["tpe", "random", "sobol"])
+def test_true_is_another_choice_than_1(strategy: Any) -> None:
+    """They are equal in Python: the one that came second was never flown, and not missed."""
+    mixed = SpaceParameter(name="held", keys=("held",), choices=(1, True, 2))
+    given = problem(SearchSpace(parameters=(mixed,)), budget={"sim": 9})
+    findings, _ = searched(given, lambda *_: 1.0, strategy=strategy)
+    assert {repr(one.variant.values["held"]) for one in findings.tried} == {"1", "True", "2"}
+    assert space_coverage_of(given.space, findings.proven_values).share == 1.0
+
+
+def test_a_grid_too_large_to_list_is_drawn_point_by_point() -> None:
+    """Of ten parameters it took 40 s and 3 GB before the first flight, of twelve all memory."""
+    parameters = tuple(SpaceParameter(name=f"p{n}", keys=(f"k{n}",)) for n in range(12))
+    points = list(itertools.islice(fixed_points("grid", SearchSpace(parameters=parameters), 1), 50))
+    assert len({tuple(point.values()) for point in points}) == 50
+    assert {value for point in points for value in point.values()} == set(parameters[0].levels)
 
 
 class Recorded(FixedStrategy):
@@ -265,6 +285,16 @@ def _cause(values: Values) -> str:
     return "collision/twin" if values == {"x": 1.0, "y": 1.0} else "time_limit/twin"
 
 
+def test_values_that_were_proposed_twice_are_confirmed_once() -> None:
+    """Of one number TPE proposes each fifth value again, the worst most of all."""
+    height = SpaceParameter(name="height", keys=("goal.altitude_m",), low=0.8, high=2.0, own=1.2)
+    given = problem(SearchSpace(parameters=(height,)), budget={"sim": 60}, reduce_flights=0)
+    for seed in range(4):
+        findings, _ = searched(given, lambda values, *_: 1.3 - number(values, "height"), seed=seed)
+        found = [number(case.variant.values, "height") for case in findings.confirmed]
+        assert len(set(found)) == len(found) == 3, seed
+
+
 def test_stop_after_confirms_at_once_and_flies_no_more() -> None:
     given = problem(plane(), budget={"sim": 400}, stop_after=1, confirm_most=5, reduce_flights=0)
     findings, batches = searched(given, corner, strategy="random")
@@ -345,6 +375,30 @@ def test_a_pass_far_from_everything_comes_last_until_the_gap_is_measured() -> No
     assert variants_passed_on(values, ModeGap("sim", "wil"), probes=1, most=10) == ["b", "a", "far"]
     measured = ModeGap("sim", "wil", (-0.1, 0.0, 0.1))
     assert variants_passed_on(values, measured, probes=1, most=10) == ["b"]
+
+
+@pytest.mark.parametrize("seed", [0, 2, 4, 6])
+def test_contacts_do_not_measure_the_gap(seed: int) -> None:
+    """A contact is 0 in both modes: such pairs gave a gap near 0, and the budget was left over."""
+
+    def answer(values: Values, mode: str, _: int) -> float:
+        height = 0.5 * (number(values, "x") + number(values, "y")) + 0.3
+        return max(height - (0.0 if mode == "sim" else 0.15 + 0.02 * number(values, "x")), 0.0)
+
+    given = problem(plane(), budget={"sim": 40, "wil": 40}, at_once=1, reduce_flights=0)
+    findings, _ = searched(given, answer, strategy="sobol", seed=seed)
+    (gap,) = findings.gaps
+    assert gap.mean == pytest.approx(-0.15, abs=0.02)
+    left = [one for one in findings.tried if "wil" not in one.outcomes]
+    assert left
+    assert not [one for one in left if answer(one.variant.values, "wil", 1) <= 0.0]
+
+
+def test_what_another_oracle_failed_or_contact_is_at_the_floor() -> None:
+    outcome = FlightOutcome(verdict="FAIL", value=0.0)
+    assert outcome.is_at_floor
+    assert not replace(outcome, value=-0.1).is_at_floor
+    assert not replace(outcome, verdict="PASS").is_at_floor
 
 
 def test_the_worst_are_passed_on_until_the_gap_is_measured() -> None:

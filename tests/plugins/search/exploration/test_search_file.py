@@ -27,6 +27,7 @@ WRONG = [
     ),
     ("steps: 3", "steps: 3, ^more: 1", "unknown key 'more'"),
     ("from: 0.8, to: 2.0", "from: 2, to: ^1", "must be above from"),
+    ("from: 0.8, to: 2.0", "from: -1.0e+308, to: ^1.0e+308", "is too far from from"),
     ("from: 0.8, to: 2.0", "from: ^0.5, to: 2, integer: true", "must be a whole number"),
     ("from: 0.8, to: 2.0", "choices: ^[1.5]", "at least 2 entries"),
     ("from: 0.8, to: 2.0, steps: 3", "choices: [1, 2], steps: ^3", "has no effect with choices"),

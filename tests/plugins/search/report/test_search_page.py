@@ -1,11 +1,14 @@
 """The page of a search: what was tried, what failed, and nothing of a file acts in it."""
 
+from pathlib import Path
 from typing import Any
 
 from tests.plugins.search.exploration.made_up import corner, number, plane, problem, searched
+from tests.plugins.search.searches import write_search
 from wil_campaign.orchestrator.run_results.run_result import Stop
 from wil_campaign.plugins.search.exploration.coverage import space_coverage_of
 from wil_campaign.plugins.search.exploration.model import SearchFindings, SearchVariant
+from wil_campaign.plugins.search.exploration.search_file import load_search
 from wil_campaign.plugins.search.exploration.sensed import (
     SensedCoverage,
     SensedView,
@@ -13,8 +16,9 @@ from wil_campaign.plugins.search.exploration.sensed import (
 )
 from wil_campaign.plugins.search.exploration.space import SearchSpace, SpaceParameter, Values
 from wil_campaign.plugins.search.report.search_report import SearchPage, render_search
+from wil_campaign.plugins.search.search_command import search_text
 from wil_campaign.plugins.search.search_document import unsettled_texts
-from wil_campaign.plugins.search.search_runner import search_exit_code
+from wil_campaign.plugins.search.search_runner import SearchOutcome, search_exit_code
 
 
 def page_of(
@@ -86,9 +90,22 @@ def test_the_page_is_green_for_exit_code_0_alone() -> None:
     assert green not in page(1.0, stopped="signal")
     assert green not in page(1.0, is_broken=True)
     assert green in page(0.75)
-    assert "2 of 8 variants proved nothing: INVALID or ERROR" in page(0.75)
+    assert "2 of 8 variants proved nothing (no PASS, no FAIL)" in page(0.75)
     assert green not in page(0.25)
-    assert "6 of 8 variants proved nothing: INVALID or ERROR" in page(0.25)
+    assert "6 of 8 variants proved nothing (no PASS, no FAIL)" in page(0.25)
+
+
+def test_a_failure_stays_one_where_the_dearer_mode_proved_nothing(tmp_path: Path) -> None:
+    """It is an open failure, and was drawn as nothing and counted as none."""
+    given = problem(plane(), budget={"sim": 8, "wil": 8}, reduce_flights=0)
+    findings, _ = searched(given, lambda _, mode, __: -1.0 if mode == "sim" else None)
+    assert len(findings.open_failures) == 8
+    html = page_of(plane(), findings)
+    assert html.count('class="fail"') == 8
+    assert 'class="nothing"' not in html
+    search = load_search(write_search(tmp_path))
+    outcome = SearchOutcome(findings=findings, folder=tmp_path, ended="", files={}, exit_code=3)
+    assert "8 variants flown, 8 failed" in search_text(search, outcome)
 
 
 def test_variants_that_proved_nothing_cover_nothing() -> None:
