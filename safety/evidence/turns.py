@@ -139,4 +139,5 @@ class StepAgreement:
             return None
         message = f"it moved {moved_m:.2f} m within {t_s - last.t_s:.2f} s, and {other.source} has"
         message += f" the vehicle at {speed_m_s:.1f} m/s; the limit is {limit_m:.2f} m"
-        return Disagreement(t_s, message)
+        # What the way there seems to touch is later.
+        return Disagreement(last.t_s, message)

@@ -96,6 +96,7 @@ def test_a_position_that_leaps_is_found_with_the_leap_itself(
         found_s += [t_s] if evidence.events and not found_s else []
     if verdict == "INVALID":
         assert found_s == [pytest.approx(1.04)]
+        assert evidence.events[0].t_s == pytest.approx(1.02), "before what the way there touches"
         assert "mavlink has the vehicle at 0.5 m/s; the limit is 0.61 m" in evidence.events[0].text
     else:
         assert not any("the limit is 0.61 m" in one.text for one in evidence.events)
