@@ -142,8 +142,8 @@ def _reach_m(header: MessageHeader, key: str, range_m: float) -> float:
     reach_m = header.number("range_max_m")
     if reach_m * _ROUNDING < range_m < math.inf:
         raise BadMessageError(
-            f"`{key}` has {range_m:g} m, and `range_max_m` is {reach_m:g} m: send both in one unit, "
-            "and null where nothing came back"
+            f"`{key}` has {range_m:g} m, and `range_max_m` is {reach_m:g} m: send both in one "
+            "unit, and null where nothing came back"
         )
     return reach_m
 
