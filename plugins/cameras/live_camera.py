@@ -224,13 +224,12 @@ class LiveCamera:
 
     def _stall_error(self, damaged: int) -> SourceStalledError:
         """Return the error of a stall. damaged: how many images were, before it began."""
-        what, unusable = "no image", self._damaged - damaged
+        unusable, others = self._damaged - damaged, ""
         if unusable:
-            why = "incomplete, or without a time of their own that goes on"
-            what = f"no usable image ({unusable} were {why})"
+            others = f" ({unusable} incomplete, or without a time of their own that goes on)"
         return SourceStalledError(
-            f"{self.name}: {what} for {self._stall_timeout_s:g} s after "
-            f"{self._delivered} images; check the camera's power, cable and network"
+            f"{self.name}: no image for {self._stall_timeout_s:g} s after "
+            f"{self._delivered} images{others}; check the camera's power, cable and network"
         )
 
     def _open_error(self) -> SourceError:
