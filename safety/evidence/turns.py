@@ -13,12 +13,12 @@ from wil_campaign.safety.evidence.agreement import (
 from wil_campaign.safety.model.samples import PoseSample, ReferenceSample
 from wil_campaign.worlds.frames import Quat, angle_between, norm, subtract
 
-_SPAN_S = 0.4
-"""Over at least this time turns are compared: a wrong attitude for half of it is noticed."""
+_SPAN_S = 0.6
+"""Over at least this time turns are compared: a wrong attitude for two thirds of it is noticed."""
 _LONGEST_S = 1.0
 _KEPT_S = 3.0
-_STAMPS_S = 0.1
-"""By how much the mapped times of two sources may differ."""
+_STAMPS_S = 0.2
+"""By how much the times of two sources may differ: an estimate's attitude may come at 5 Hz."""
 _LEAST_RAD = math.radians(20.0)
 """A smaller turn is none of a tracker that takes a body's markers for one another."""
 

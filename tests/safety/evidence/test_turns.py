@@ -48,7 +48,7 @@ def yaw(turned_rad: float) -> Quat:
 @pytest.mark.parametrize(
     "flipped", [yaw(math.pi), yaw(math.pi / 2), quat_from_euler(math.pi, 0.0, 0.0)]
 )
-@pytest.mark.parametrize("for_s", [0.3, 10.0])
+@pytest.mark.parametrize("for_s", [0.5, 10.0])
 def test_a_body_whose_markers_are_confused_in_flight_is_no_evidence(
     flipped: Quat, for_s: float
 ) -> None:
@@ -60,10 +60,11 @@ def test_a_body_whose_markers_are_confused_in_flight_is_no_evidence(
     assert "by mavlink by 0 deg; the limit is 20 deg" in result.reason
 
 
-@pytest.mark.parametrize("late_s", [-0.09, 0.0, 0.09])
+@pytest.mark.parametrize("late_s", [-0.19, 0.0, 0.19])
 def test_a_vehicle_that_turns_quickly_agrees_whatever_the_delay(late_s: float) -> None:
     def turning(t_s: float) -> Quat:
-        return yaw(min(max(0.0, t_s - 1.0), 1.0) * 4.0)
+        braking_rad = math.radians(30.0) * math.copysign(t_s > 3.0, math.sin(15.0 * t_s))
+        return quat_from_euler(0.0, braking_rad, min(max(0.0, t_s - 1.0), 1.0) * 4.0)
 
     assert seen(turning, turning, late_s=late_s).verdict == "PASS"
 
