@@ -11,6 +11,8 @@ from collections import deque
 
 _JUMP_S = 1.0
 """A stamp that is early by more than this is no jitter: the sender's clock was set."""
+_STEP_S = 0.1
+"""A stamp that goes back by less is that of a sender that stamps unevenly, and no restart."""
 _MOST_RESTARTS, _WITHIN_S = 6, 5.0
 """No sender that restarts does so as often: there are two, or its stamps are in another unit."""
 
@@ -41,7 +43,8 @@ class ArrivalClock:
             return arrived_s - self.latency_s
         delay_s = arrived_s - sender_s
         if sender_s < self._newest_sender_s or delay_s < self._least_s - _JUMP_S:
-            self.resets += not math.isinf(self._least_s)
+            is_step = abs(sender_s - self._newest_sender_s) > _STEP_S
+            self.resets += is_step and not math.isinf(self._least_s)
             self._reset()
         self._newest_sender_s = sender_s
         self._add_delay(delay_s, arrived_s)
