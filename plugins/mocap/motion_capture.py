@@ -105,6 +105,8 @@ class CaptureDecoder:
             self._restart_meter.add(arrived_s)
             for meter in self._meters.values():
                 meter.restarts += 1
+        elif last is not None:
+            self._count_missing(frame.seq - last - 1)
         if why := self._restart_meter.fault(arrived_s):
             self.garbage += 1
             self.complaint = why
@@ -126,12 +128,12 @@ class CaptureDecoder:
                 meter.out_of_order += 1
             return False
         self._last_seq = frame.seq
-        if last is None or frame.seq < last:
-            return True
-        for name, meter in self._meters.items():
-            meter.missing += frame.seq - last - 1
-            self._seq[name] += frame.seq - last - 1
         return True
+
+    def _count_missing(self, frames: int) -> None:
+        for name, meter in self._meters.items():
+            meter.missing += frames
+            self._seq[name] += frames
 
     def _reading_of(
         self, name: str, body: BodyPose | None, t_s: float, arrived_s: float

@@ -116,7 +116,9 @@ class ZmqReadings(LiveReadings):
         skipped = self._skipped(envelope.seq, envelope.sent_s)
         resets = self._clock.resets
         t_s = self._clock.run_time(envelope.sent_s, arrived_s)
-        self.restarts += skipped is None or self._clock.resets > resets
+        if self._clock.resets > resets:
+            skipped = None  # the numbers of another beginning
+        self.restarts += skipped is None
         when = SampleStamps(t_s, arrived_s, self._side, self._mount, self._camera)
         self.offer(read_reading(header, self._kind_of, when), skipped=skipped or 0)
 

@@ -156,6 +156,7 @@ def test_two_systems_at_one_socket_are_not_taken_for_one() -> None:
         feed.receive(packed(9000 + k, 700.0 + k / 100, 5.0), k / 100 + 0.002)
     figures = feed.statistics("drone")
     assert figures.samples < 10
+    assert figures.missing == 0, "by the numbers of another"
     assert feed.garbage > 380
     assert "there are two senders, or its stamps are not seconds" in feed.complaint
     for k in range(200, 1000):

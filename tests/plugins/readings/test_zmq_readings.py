@@ -245,6 +245,7 @@ async def test_two_senders_and_stamps_in_another_unit_are_not_used(
             live.receive(msgpack.packb(other), now_s + 0.01)
     assert live.counts.restarts > 90
     assert live.counts.damaged > 90
+    assert how == "on one clock" or live.counts.missed == 0, "by the numbers of another"
     assert "there are two senders, or its stamps are not seconds" in live.complaint
     with pytest.raises(SourceStalledError, match="there are two senders"):
         _ = [one async for one in live]
