@@ -5,8 +5,9 @@ import math
 import numpy as np
 
 from wil_campaign.vehicles.readings import BgrImage, CameraReading, Source
-from wil_campaign.vehicles.sources.arrival_clock import ArrivalClock
+from wil_campaign.vehicles.sources.arrival_clock import ArrivalClock, RestartMeter
 from wil_campaign.vehicles.sources.camera_source import ImageChangedError, SourceCounts, SourceError
+from wil_campaign.vehicles.sources.readings.live_readings import OLDEST_S
 from wil_campaign.worlds.camera import Intrinsics
 
 
@@ -37,6 +38,7 @@ class FrameStamper:
         self._skipped = 0
         self.missed = 0
         self.restarts = 0
+        self._restart_meter = RestartMeter()
 
     def skip_exposure(self) -> None:
         """Count an exposure that is not handed on: its number is used up."""
@@ -47,10 +49,11 @@ class FrameStamper:
     ) -> CameraReading | None:
         """Return the stamped reading of an image; None for one that is not to be handed on.
 
-        That is one not newer than the last, and one that lost its stamp: FFmpeg loses that of the
-        first image after a pause, and by its arrival it would be as much too late as the pause was
-        long. stamp_s: on the sender's clock; None or not finite without one. Raises
-        ImageChangedError.
+        That is one not newer than the last, one that is a second later than the quickest (or its
+        stamps are not seconds), one of a sender that begins anew all the time, and one that lost
+        its stamp: FFmpeg loses that of the first image after a pause, and by its arrival it would
+        be as much too late as the pause was long. stamp_s: on the sender's clock; None or not
+        finite without one. Raises ImageChangedError.
         """
         has_stamp = stamp_s is not None and math.isfinite(stamp_s)
         if self._has_stamps and not has_stamp:
@@ -61,6 +64,12 @@ class FrameStamper:
         t_s = self._clock.run_time(stamp_s, arrived_s)
         restarted = self._clock.resets != resets
         self.restarts += restarted
+        if restarted:
+            self._restart_meter.add(arrived_s)
+        is_old = arrived_s - t_s > self._clock.latency_s + OLDEST_S
+        if is_old or self._restart_meter.fault(arrived_s):
+            self.skip_exposure()
+            return None
         return self.reading_at(image_bgr, t_s=t_s, arrived_s=arrived_s, restarted=restarted)
 
     def reading_at(

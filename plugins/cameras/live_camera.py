@@ -173,8 +173,10 @@ class LiveCamera:
 
     async def __anext__(self) -> CameraReading:
         """Wait for the live camera's next image. Raises SourceError, of its kinds."""
+        # Images that cannot be used are none: a stream that is damaged all the time has stalled.
+        deadline_s, damaged = self._loop.time() + self._stall_timeout_s, self._damaged
         while True:
-            arrived = await self._next_image()
+            arrived = await self._next_image(deadline_s, damaged)
             reading = self._reading_of(arrived)
             if reading is not None:
                 self._delivered += 1
@@ -192,7 +194,8 @@ class LiveCamera:
         self._damaged += reading is None
         return reading
 
-    async def _next_image(self) -> _ArrivedImage:
+    async def _next_image(self, deadline_s: float, damaged: int) -> _ArrivedImage:
+        """Wait for an image until a time of the loop. damaged: how many there were before."""
         while True:
             arrived, dropped = self._handoff.receive()
             for _ in range(dropped):
@@ -202,26 +205,31 @@ class LiveCamera:
                 return arrived
             if self._handoff.error is not None:
                 raise self._handoff.error
-            await self._wait_for_wake(self._stall_timeout_s, self._stall_error)
+            await self._wait_for_wake(deadline_s, lambda: self._stall_error(damaged))
 
     async def _wait_until_open(self) -> None:
+        opening_s = self._open_timeout_s + _OPENING_MARGIN_S
         while not self._handoff.opened:
             if self._handoff.error is not None:
                 raise self._handoff.error
-            await self._wait_for_wake(self._open_timeout_s + _OPENING_MARGIN_S, self._open_error)
+            await self._wait_for_wake(self._loop.time() + opening_s, self._open_error)
 
-    async def _wait_for_wake(self, timeout_s: float, late: Callable[[], SourceError]) -> None:
+    async def _wait_for_wake(self, deadline_s: float, late: Callable[[], SourceError]) -> None:
         try:
-            async with asyncio.timeout(timeout_s):
+            async with asyncio.timeout_at(deadline_s):
                 await self._awake.wait()
         except TimeoutError as error:
             raise late() from error
         self._awake.clear()
 
-    def _stall_error(self) -> SourceStalledError:
+    def _stall_error(self, damaged: int) -> SourceStalledError:
+        """Return the error of a stall. damaged: how many images were, before it began."""
+        unusable, others = self._damaged - damaged, ""
+        if unusable:
+            others = f" ({unusable} incomplete, or without a time of their own that goes on)"
         return SourceStalledError(
             f"{self.name}: no image for {self._stall_timeout_s:g} s after "
-            f"{self._delivered} images; check the camera's power, cable and network"
+            f"{self._delivered} images{others}; check the camera's power, cable and network"
         )
 
     def _open_error(self) -> SourceError:

@@ -254,7 +254,13 @@ def decoded_candidates(
             f"the output is {output.shape}; layout {kind} with {classes} classes has {wanted} "
             f"numbers{masks} for each candidate"
         )
-    rows = rows[np.isfinite(rows).all(axis=1)]
+    finite = np.isfinite(rows).all(axis=1)
+    if len(rows) and not finite.any():
+        raise DetectorError(
+            "the output is no number in any candidate, as that of a network whose half-precision "
+            "numbers overflow; export it in single precision"
+        )
+    rows = rows[finite]
     rows, coefficients = rows[:, :wanted], rows[:, wanted:]
     if kind == "end2end":
         return DetectorCandidates(

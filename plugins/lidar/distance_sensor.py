@@ -82,10 +82,21 @@ def rangefinder_reading(
 
 
 def _reader(sensor: MavlinkSensor, vehicle: HasState) -> Reader:
+    """Return what reads distances: of one `id`, the first that looks where the mount does."""
     del vehicle
+    taken: int | None = None
 
     def read(message: Any, times: MessageTimes) -> Reading | None:
-        return rangefinder_reading(message, times, sensor)
+        nonlocal taken
+        reading = rangefinder_reading(message, times, sensor)
+        if reading is not None and taken is None:
+            taken = message.id
+        if reading is not None and message.id != taken:
+            raise UnusableReadingError(
+                f"sensors {taken} and {message.id} look in one direction, and sensor {taken} is "
+                "taken: choose one by `source: {address: mavlink, id: ...}`"
+            )
+        return reading
 
     return read
 

@@ -35,6 +35,7 @@ from wil_campaign.vehicles.sensors.sensor_spec import SensorSite, SensorSpec, Tr
 from wil_campaign.vehicles.sensors.timing import Timing
 from wil_campaign.vehicles.sensors.truth import Truth
 from wil_campaign.worlds.frames import AT_ORIGIN, Pose
+from wil_campaign.worlds.geodesy import LocalFrame
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,6 +54,8 @@ class GridPattern:
 
 POINTS_NOISE = RangeNoise(0.5, 100.0, sigma_m=0.03)
 """VLP-16 user manual: up to 100 m, typical accuracy 3 cm. Blind below 0.5 m: an assumption."""
+_FARTHEST_M = 300.0
+"""Of half of the points: no lidar on a drone measures as far."""
 POINTS_NOISES = NoiseSets(ideal=without_range_noise(POINTS_NOISE), datasheet=POINTS_NOISE)
 POINTS_TIMING = Timing(rate_hz=20.0, latency_s=0.05)
 """Points are delivered when their turn is over; the whole turn is cast at its middle."""
@@ -164,6 +167,14 @@ def _fault(reading: LidarPointsReading) -> ReadingFault | None:
     return None
 
 
+def _rest_fault(reading: LidarPointsReading, _: Pose, __: LocalFrame) -> str | None:
+    """Return what is wrong with a cloud around a vehicle at rest, in words; None for nothing."""
+    middle_m = float(np.median(np.linalg.norm(reading.points_frd_m, axis=1)))
+    if middle_m <= _FARTHEST_M:
+        return None
+    return f"half of its points are beyond {middle_m:.4g} m: its unit is wrong (metres)"
+
+
 def _encode(reading: LidarPointsReading) -> Encoded:
     points = reading.points_frd_m
     fields = [
@@ -216,6 +227,7 @@ _TRAITS = ReadingTraits(
     elements="points_frd_m",
     ground_truth=("object_ids",),
     is_large=True,
+    at_rest=_rest_fault,
     may_be_empty=True,
     visibility="wil_campaign.plugins.lidar.visibility:POINTS",
     quantities={"nearest_m": _nearest_m},

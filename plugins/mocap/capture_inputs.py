@@ -8,6 +8,7 @@ import zmq
 
 from wil_campaign.campaigns.values.external_setups import MocapSetup
 from wil_campaign.plugins.mocap.motion_capture import CaptureDecoder
+from wil_campaign.plugins.readings.subscription import Subscription
 from wil_campaign.vehicles.readings import PoseReading, Source
 from wil_campaign.vehicles.sources.camera_source import SourceError
 
@@ -148,7 +149,6 @@ class ZmqCapture:
 
     async def __aenter__(self) -> Self:
         """Subscribe the capture input; a publisher may come later. Raises SourceError."""
-        self._loop = asyncio.get_running_loop()
         self._context = zmq.Context()
         self._socket = self._context.socket(zmq.SUB)
         self._socket.setsockopt(zmq.RCVHWM, 1000)
@@ -162,18 +162,15 @@ class ZmqCapture:
                 f"{self.name}: not a valid address: {error.strerror}; an example is "
                 "tcp://192.168.1.10:5570"
             ) from error
-        self._loop.add_reader(self._socket.fileno(), self._read)
-        self._read()
+        self._subscription = Subscription(self._socket, self._take)
+        self._subscription.start()
         return self
 
     async def __aexit__(self, *_: object) -> None:
         """Close the capture input; nothing is delivered afterwards."""
-        self._loop.remove_reader(self._socket.fileno())
+        self._subscription.stop()
         self._context.destroy(linger=0)
 
-    def _read(self) -> None:
-        # The descriptor is edge-triggered: all messages that have arrived must be read at once.
-        while self._socket.poll(0, zmq.POLLIN):
-            parts = self._socket.recv_multipart(zmq.NOBLOCK)
-            for reading in self.capture.receive(parts[-1], self._loop.time()):
-                self._deliver(reading)
+    def _take(self, data: bytes, arrived_s: float) -> None:
+        for reading in self.capture.receive(data, arrived_s):
+            self._deliver(reading)

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from wil_campaign.plugins.readings.messagepack import BadMessageError, MessageHeader
 from wil_campaign.vehicles.readings import PoseReading, Source
-from wil_campaign.vehicles.sources.arrival_clock import ArrivalClock
+from wil_campaign.vehicles.sources.arrival_clock import ArrivalClock, RestartMeter
 from wil_campaign.vehicles.sources.feed_statistics import FeedMeter, FeedStatistics
 from wil_campaign.worlds.frames import Pose, Quat, Vec3, ned_from_enu, quat_multiply, quat_normalize
 
@@ -69,13 +69,15 @@ class CaptureDecoder:
 
     bodies: name in the capture system to vehicle. latency_s: sampling to arrival of the quickest
     message, from the system's data sheet or `calibrate`. Poses are in the capture system's own
-    frame, which is the world's (`anchor: mocap`). `take` raises nothing: messages that cannot be
-    decoded are counted in `garbage`, and `complaint` is the reason of the last one.
+    frame, which is the world's (`anchor: mocap`). `receive` raises nothing: messages that cannot be
+    decoded, and those of a sender that begins anew all the time, are counted in `garbage`, and
+    `complaint` is the reason of the last one.
     """
 
     def __init__(self, *, bodies: Mapping[str, Source], latency_s: float = 0.0) -> None:
         self._bodies = dict(bodies)
         self._clock = ArrivalClock(latency_s=latency_s)
+        self._restart_meter = RestartMeter()
         self._meters = {name: FeedMeter() for name in bodies}
         self._last_seq: int | None = None
         self._last_t_s: dict[str, float] = {}
@@ -100,8 +102,15 @@ class CaptureDecoder:
             return []
         t_s = self._clock.run_time(frame.t_s, arrived_s)
         if self._clock.resets > resets or (last is not None and frame.seq < last):
+            self._restart_meter.add(arrived_s)
             for meter in self._meters.values():
                 meter.restarts += 1
+        elif last is not None:
+            self._count_missing(frame.seq - last - 1)
+        if why := self._restart_meter.fault(arrived_s):
+            self.garbage += 1
+            self.complaint = why
+            return []
         seen = {body.name: body for body in frame.bodies}
         readings = (self._reading_of(name, seen.get(name), t_s, arrived_s) for name in self._bodies)
         return [reading for reading in readings if reading is not None]
@@ -119,12 +128,12 @@ class CaptureDecoder:
                 meter.out_of_order += 1
             return False
         self._last_seq = frame.seq
-        if last is None or frame.seq < last:
-            return True
-        for name, meter in self._meters.items():
-            meter.missing += frame.seq - last - 1
-            self._seq[name] += frame.seq - last - 1
         return True
+
+    def _count_missing(self, frames: int) -> None:
+        for name, meter in self._meters.items():
+            meter.missing += frames
+            self._seq[name] += frames
 
     def _reading_of(
         self, name: str, body: BodyPose | None, t_s: float, arrived_s: float

@@ -36,6 +36,7 @@ MAX_READING_BYTES = 4 * 2**20
 """A cloud of 300,000 points; no 3-D lidar has more in one turn."""
 _MOST_BEAMS = 100_000
 _MOST_SAMPLES = 65_536
+_ROUNDING = 1.0 + 1e-6
 _FIX_3D, _SATELLITES = 3, 12
 _LEAST_WHOLE = -(2**63)
 
@@ -109,25 +110,42 @@ def _numbers(header: MessageHeader, kind: str, when: SampleStamps) -> Any:
 
 
 def _rangefinder(header: MessageHeader, when: SampleStamps) -> RangefinderReading:
+    range_m = header.number("range_m") if "range_m" in header else math.inf
     return RangefinderReading(
         *when.stamps,
-        range_m=header.number("range_m") if "range_m" in header else math.inf,
+        range_m=range_m,
         range_min_m=header.number("range_min_m"),
-        range_max_m=header.number("range_max_m"),
+        range_max_m=_reach_m(header, "range_m", range_m),
         mount=when.mount,
     )
 
 
 def _lidar(header: MessageHeader, when: SampleStamps) -> LidarScanReading:
+    ranges_m = header.array("ranges_m", np.dtype("<f4"), most=_MOST_BEAMS)
+    farthest_m = float(np.max(ranges_m, initial=0.0, where=np.isfinite(ranges_m)))
     return LidarScanReading(
         *when.stamps,
-        ranges_m=header.array("ranges_m", np.dtype("<f4"), most=_MOST_BEAMS),
+        ranges_m=ranges_m,
         start_angle_rad=header.number("start_angle_rad"),
         step_rad=header.number("step_rad"),
         range_min_m=header.number("range_min_m"),
-        range_max_m=header.number("range_max_m"),
+        range_max_m=_reach_m(header, "ranges_m", farthest_m),
         mount=when.mount,
     )
+
+
+def _reach_m(header: MessageHeader, key: str, range_m: float) -> float:
+    """Return the greatest distance that a message states, which no range exceeds.
+
+    Raises BadMessageError for one that does: it has another unit, or says that nothing came back.
+    """
+    reach_m = header.number("range_max_m")
+    if reach_m * _ROUNDING < range_m < math.inf:
+        raise BadMessageError(
+            f"`{key}` has {range_m:g} m, and `range_max_m` is {reach_m:g} m: send both in one "
+            "unit, and null where nothing came back"
+        )
+    return reach_m
 
 
 def _points(header: MessageHeader, when: SampleStamps) -> LidarPointsReading:

@@ -1,6 +1,5 @@
 """Readings that a program publishes by ZeroMQ. Wall clock only."""
 
-import asyncio
 from typing import Self
 
 import zmq
@@ -13,6 +12,7 @@ from wil_campaign.plugins.readings.reading_message import (
     read_header,
     read_reading,
 )
+from wil_campaign.plugins.readings.subscription import Subscription
 from wil_campaign.vehicles.readings import Source
 from wil_campaign.vehicles.sources.arrival_clock import ArrivalClock
 from wil_campaign.vehicles.sources.camera_source import SourceError
@@ -63,7 +63,6 @@ class ZmqReadings(LiveReadings):
 
     async def __aenter__(self) -> Self:
         """Subscribe, and wait for the first reading. Raises SourceError."""
-        self._loop = asyncio.get_running_loop()
         self._context = zmq.Context()
         self._socket = self._context.socket(zmq.SUB)
         self._socket.setsockopt(zmq.RCVHWM, 1000)
@@ -74,8 +73,8 @@ class ZmqReadings(LiveReadings):
         except zmq.ZMQError as error:
             self._context.destroy(linger=0)
             raise SourceError(f"{self.name}: not a valid address: {error.strerror}") from error
-        self._loop.add_reader(self._socket.fileno(), self._read)
-        self._read()
+        self._subscription = Subscription(self._socket, self._take)
+        self._subscription.start()
         try:
             await self._wait_for_first(self._open_s)
         except BaseException:
@@ -85,7 +84,7 @@ class ZmqReadings(LiveReadings):
 
     async def __aexit__(self, *_: object) -> None:
         """Close the socket; nothing is taken afterwards."""
-        self._loop.remove_reader(self._socket.fileno())
+        self._subscription.stop()
         self._context.destroy(linger=0)
 
     def _silence_reason(self) -> str:
@@ -95,14 +94,11 @@ class ZmqReadings(LiveReadings):
             return f"only messages of other sensors arrived ({known}): set `name` to one of them"
         return "nothing arrived; check that a publisher has bound this address, and its topic"
 
-    def _read(self) -> None:
-        # The descriptor is edge-triggered: all messages that have arrived must be read at once.
-        while self._socket.poll(0, zmq.POLLIN):
-            parts = self._socket.recv_multipart(zmq.NOBLOCK)
-            try:
-                self.receive(parts[-1], self._loop.time())
-            except BadMessageError as error:
-                self.refuse(str(error))
+    def _take(self, data: bytes, arrived_s: float) -> None:
+        try:
+            self.receive(data, arrived_s)
+        except BadMessageError as error:
+            self.refuse(str(error))
 
     def receive(self, data: bytes, arrived_s: float) -> None:
         """Take a message that arrived at a time of the run clock. Raises BadMessageError."""
@@ -120,7 +116,9 @@ class ZmqReadings(LiveReadings):
         skipped = self._skipped(envelope.seq, envelope.sent_s)
         resets = self._clock.resets
         t_s = self._clock.run_time(envelope.sent_s, arrived_s)
-        self.restarts += skipped is None or self._clock.resets > resets
+        if self._clock.resets > resets:
+            skipped = None  # the numbers of another beginning
+        self.restarts += skipped is None
         when = SampleStamps(t_s, arrived_s, self._side, self._mount, self._camera)
         self.offer(read_reading(header, self._kind_of, when), skipped=skipped or 0)
 

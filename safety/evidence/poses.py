@@ -14,6 +14,7 @@ from wil_campaign.safety.evidence.agreement import (
 )
 from wil_campaign.safety.evidence.flown_coverage import FlownCoverage
 from wil_campaign.safety.evidence.terms import SignalTerms
+from wil_campaign.safety.evidence.turns import StepAgreement, TurnAgreement
 from wil_campaign.safety.model.samples import (
     HeadingSample,
     PoseSample,
@@ -39,11 +40,12 @@ class PoseCoverage(FlownCoverage):
         states_velocity = terms.accuracy is not None and terms.accuracy.velocity_m_s is not None
         self._own_velocity = VelocityAgreement() if states_velocity else None
         self._still = StandingStill() if terms.on_grid else None
-        self._heading = (
-            HeadingAgreement(terms.accuracy, terms.references)
-            if terms.by_estimate and terms.accuracy is not None
-            else None
-        )
+        self._heading = self._turns = self._steps = None
+        if terms.accuracy is not None and terms.by_estimate:
+            self._heading = HeadingAgreement(terms.accuracy, terms.references)
+        elif terms.accuracy is not None:
+            self._turns = TurnAgreement(terms.accuracy, terms.references)
+            self._steps = None if states_velocity else StepAgreement()
 
     @property
     def compared_with(self) -> tuple[str, ...]:
@@ -61,8 +63,9 @@ class PoseCoverage(FlownCoverage):
                 agreement.restart()
             if self._own_velocity is not None:
                 self._own_velocity.restart()
-            if self._still is not None:
-                self._still.restart()
+            for check in (self._still, self._turns, self._steps):
+                if check is not None:
+                    check.restart()
 
     def state(self, sample: StateSample) -> None:
         """Take whether the vehicle reports to be in the air, and what it has lost of its place."""
@@ -89,13 +92,15 @@ class PoseCoverage(FlownCoverage):
         self.hold_against_last(self.unrounded(sample.pose.position_ned_m, sample), sample)
         if self._still is not None:
             self._still.pose(sample, may_stand=self.may_stand(sample))
-        if self._heading is not None:
-            self._disagree(self._heading.pose(sample))
+        for check in (self._heading, self._turns, self._steps):
+            if check is not None:
+                self._disagree(check.pose(sample))
 
     def reference(self, sample: ReferenceSample) -> None:
         """Compare the poses with another source's position of the vehicle."""
-        if self._heading is not None:
-            self._heading.reference(sample)
+        for check in (self._heading, self._turns, self._steps):
+            if check is not None:
+                check.reference(sample)
         agreement = self._agreements.get(sample.source)
         if agreement is not None:
             self._disagree(agreement.reference(sample))

@@ -7,9 +7,14 @@ The least delay itself cannot be observed: it is measured once (`calibrate`) and
 """
 
 import math
+from collections import deque
 
 _JUMP_S = 1.0
 """A stamp that is early by more than this is no jitter: the sender's clock was set."""
+_STEP_S = 0.1
+"""A stamp that goes back by less is that of a sender that stamps unevenly, and no restart."""
+_MOST_RESTARTS, _WITHIN_S = 6, 5.0
+"""No sender that restarts does so as often: there are two, or its stamps are in another unit."""
 
 
 class ArrivalClock:
@@ -20,7 +25,7 @@ class ArrivalClock:
     """
 
     def __init__(self, *, latency_s: float = 0.0, window_s: float = 10.0) -> None:
-        self._latency_s = latency_s
+        self.latency_s = latency_s
         self._window_s = window_s
         self._newest_sender_s = -math.inf
         self._since_s = -math.inf
@@ -35,14 +40,15 @@ class ArrivalClock:
         that goes back, or leaps ahead, means that the sender restarted.
         """
         if sender_s is None or not math.isfinite(sender_s):
-            return arrived_s - self._latency_s
+            return arrived_s - self.latency_s
         delay_s = arrived_s - sender_s
         if sender_s < self._newest_sender_s or delay_s < self._least_s - _JUMP_S:
-            self.resets += not math.isinf(self._least_s)
+            is_step = abs(sender_s - self._newest_sender_s) > _STEP_S
+            self.resets += is_step and not math.isinf(self._least_s)
             self._reset()
         self._newest_sender_s = sender_s
         self._add_delay(delay_s, arrived_s)
-        return sender_s + self._least_s - self._latency_s
+        return sender_s + self._least_s - self.latency_s
 
     def is_overtaken(self, sender_s: float) -> bool:
         """Return whether a stamp is that of a message which newer ones overtook on the way.
@@ -66,3 +72,24 @@ class ArrivalClock:
         self._since_s = -math.inf
         self._current_s = math.inf
         self._previous_s = math.inf
+
+
+class RestartMeter:
+    """Whether a sender's clock or its numbers begin anew more often than one sender's can."""
+
+    def __init__(self) -> None:
+        self._newest: deque[float] = deque(maxlen=_MOST_RESTARTS)
+
+    def add(self, arrived_s: float) -> None:
+        """Count a restart that a message shows which arrived then."""
+        self._newest.append(arrived_s)
+
+    def fault(self, arrived_s: float) -> str:
+        """Return why a message that arrived then cannot be used, in words; "" for no reason."""
+        newest = self._newest
+        if len(newest) < _MOST_RESTARTS or arrived_s - newest[0] > _WITHIN_S:
+            return ""
+        return (
+            f"its sender began anew {_MOST_RESTARTS} times within {_WITHIN_S:g} s: there are two "
+            "senders, or its stamps are not seconds"
+        )

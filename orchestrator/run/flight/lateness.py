@@ -2,6 +2,7 @@
 
 import asyncio
 import math
+import time
 from collections import deque
 from dataclasses import dataclass, field
 
@@ -18,6 +19,8 @@ by default, and the guard reports a silent orchestrator after 0.4 s unless it wa
 _BEFORE_S, _AFTER_S = 0.2, 1.0
 """How long before a lateness a gap that it explains may begin, and how long after it one counts."""
 _KEPT = 1000
+_AT_ONCE_S = 0.01
+"""Clocks that were read within so long were read at one time."""
 _TIMED = ("evidence", "mixing", "sync")
 """Where the decisive events come from that say that something was late, apart, or missing."""
 
@@ -26,11 +29,13 @@ _TIMED = ("evidence", "mixing", "sync")
 class MachineLateness:
     """Records when the run's loop was late, and decides a run as INVALID that is red for that.
 
-    remedy: in words.
+    A suspended machine was late by no clock that stood with it: that decides the run where a
+    vehicle flew on (`flies_on`). remedy: in words.
     """
 
     run_state: RunState
     remedy: str
+    flies_on: bool = False
     _late: deque[tuple[float, float]] = field(default_factory=lambda: deque(maxlen=_KEPT))
     _explained: list[DecisiveEvent] = field(default_factory=list)
 
@@ -39,11 +44,24 @@ class MachineLateness:
 
     async def run(self) -> None:
         """Measure the lateness until cancelled."""
-        loop = asyncio.get_running_loop()
+        loop, before_s = asyncio.get_running_loop(), _suspended_s()
         while True:
             due_s = loop.time() + _TICK_S
             await asyncio.sleep(_TICK_S)
             self.note(due_s, loop.time())
+            now_s = _suspended_s()
+            if now_s is not None:
+                self.note_suspended(due_s, now_s - (now_s if before_s is None else before_s))
+                before_s = now_s
+
+    def note_suspended(self, at_s: float, for_s: float) -> None:
+        """Note for how long the machine was suspended since a time, seconds."""
+        state = self.run_state
+        if not self.flies_on or for_s < LATE_S:
+            return
+        if state.reached("takeoff") and not state.reached("landed"):
+            text = f"this machine was suspended for {for_s:.2f} s{self._when(at_s)}: what was flown"
+            state.decide("INVALID", f"{text} meanwhile is not known", t_s=at_s, source="machine")
 
     def note(self, due_s: float, woken_s: float) -> None:
         """Note when the loop was due to run, and when it did.
@@ -78,6 +96,14 @@ class MachineLateness:
         if goal_s is None or t_s < goal_s:
             return " before the goal"
         return f", {t_s - goal_s:.2f} s after the goal"
+
+
+def _suspended_s() -> float | None:
+    """Return for how long this machine was suspended since its start; None to ask again."""
+    first_s = time.clock_gettime(time.CLOCK_MONOTONIC)
+    since_boot_s = time.clock_gettime(time.CLOCK_BOOTTIME)
+    last_s = time.clock_gettime(time.CLOCK_MONOTONIC)
+    return since_boot_s - first_s if last_s - first_s < _AT_ONCE_S else None
 
 
 def _explaining_s(event: DecisiveEvent) -> float:

@@ -247,7 +247,8 @@ def _lateness(setup: RunSetup, run_state: RunState) -> MachineLateness | None:
     if setup.clock != "wall":
         return None
     remedy = lateness_remedy(virtual=all(flown.embedded for flown in setup.guarded))
-    return MachineLateness(run_state=run_state, remedy=remedy)
+    flies_on = any(flown.attached is not None for flown in setup.guarded)
+    return MachineLateness(run_state=run_state, remedy=remedy, flies_on=flies_on)
 
 
 def _signal_faults(ground: GroundParts, pair: VehiclePair) -> SignalFaults:

@@ -38,11 +38,14 @@ from wil_campaign.vehicles.driver.onboard.gps_receiver import GroundSpeed
 from wil_campaign.vehicles.driver.vehicle_state import VehicleEvent, VehicleState
 from wil_campaign.vehicles.poses.headings import HeadingDifference
 from wil_campaign.vehicles.poses.truth import TruthSample
+from wil_campaign.worlds.frames import Vec3, norm, subtract
 
 _EVERY_S = 0.02
 _EARLY_S = 0.008
 """How early a pose may be. In simulation PX4 stamps messages sent at 50 Hz by the steps of its own
 loop, 16 and 24 ms apart."""
+_LEAP_M = 1.0
+"""A pose that is so far from the last judged one is judged, too: others act on it, as the guard."""
 
 
 class JudgedTimes:
@@ -54,12 +57,17 @@ class JudgedTimes:
 
     def __init__(self) -> None:
         self._due_s = -math.inf
+        self._place_m: Vec3 | None = None
 
-    def is_due(self, t_s: float) -> bool:
+    def is_due(self, t_s: float, place_ned_m: Vec3) -> bool:
         """Return whether the pose of a time is to be judged; if so, the next one is due later."""
-        if t_s < self._due_s - _EARLY_S:
+        before_m = self._place_m
+        leaps = before_m is not None and norm(subtract(place_ned_m, before_m)) > _LEAP_M
+        if t_s >= self._due_s - _EARLY_S:
+            self._due_s = max(self._due_s, t_s - _EARLY_S) + _EVERY_S
+        elif not leaps:
             return False
-        self._due_s = max(self._due_s, t_s - _EARLY_S) + _EVERY_S
+        self._place_m = place_ned_m
         return True
 
 
@@ -166,7 +174,7 @@ class OracleRunner:
             self._state(context, t_s)
 
     def _pose(self, sample: PoseSample) -> None:
-        if self._judged_times[sample.vehicle].is_due(sample.t_s):
+        if self._judged_times[sample.vehicle].is_due(sample.t_s, sample.pose.position_ned_m):
             self._feed(sample, self._judge.pose)
 
     def _reference(self, sample: ReferenceSample) -> None:

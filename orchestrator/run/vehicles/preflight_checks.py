@@ -39,7 +39,7 @@ from wil_campaign.vehicles.driver.onboard.parameter_backup import ParameterValue
 from wil_campaign.vehicles.driver.onboard.parameters import OnboardParameters
 from wil_campaign.vehicles.errors import ParameterError
 from wil_campaign.vehicles.mavlink.names import message_name
-from wil_campaign.worlds.frames import Vec3, norm, subtract
+from wil_campaign.worlds.frames import Vec3, norm, rotate, subtract
 
 Note = Callable[..., None]
 
@@ -49,6 +49,9 @@ _FIRST_POSE_S = 5.0
 """How long to wait for the first poses of a ready vehicle, also on a busy computer."""
 _FIX_WITHIN_S = 3.0
 _RATE_OVER_S = 1.0
+_TILT_DEG = 10.0
+"""As an attitude is judged in flight: five times what both sources state."""
+_DOWN: Vec3 = (0.0, 0.0, 1.0)
 _POLL_S = 0.02
 _MEGABYTE = 1e6
 _OF_CEILING = 0.75
@@ -158,6 +161,7 @@ class PreflightChecks:
             return (
                 at_most_item("mocap", name, age_s, _FRESH_S, unit="s", what=age),
                 at_least_item("mocap", name, rate_hz, wanted.min_mocap_hz, unit="Hz", what=rate),
+                *_tilt_items(context),
             )
         is_judged_by_truth = context.pose_source == "simulator"
         has_truth = is_judged_by_truth and self._setup.flown(name).requests_truth
@@ -351,6 +355,22 @@ def _position(context: VehicleContext) -> Vec3 | None:
     if latest.pose is None or latest.gap_s > _FRESH_S:
         return None
     return latest.pose.position_ned_m
+
+
+def _tilt_items(context: VehicleContext) -> Iterable[PreflightItem]:
+    """Yield the preflight item of a vehicle that motion capture has turned over, or on its side."""
+    seen = context.poses.at(asyncio.get_running_loop().time())
+    estimate = context.driver.state.local
+    if seen.pose is None or seen.gap_s > _FRESH_S or estimate is None:
+        return
+    ours, theirs = (rotate(one.q_wxyz, _DOWN) for one in (seen.pose, estimate.pose))
+    apart_deg = math.degrees(2.0 * math.asin(min(1.0, norm(subtract(ours, theirs)) / 2.0)))
+    if apart_deg > _TILT_DEG:
+        what = (
+            "the angle of its vertical axis by motion capture from that by its own estimate (check "
+            "`frame`, the order of `q_wxyz`, and the axes of the body)"
+        )
+        yield at_most_item("mocap", context.name, apart_deg, _TILT_DEG, unit="deg", what=what)
 
 
 def _from_start(context: VehicleContext, position: Vec3 | None) -> Vec3 | None:

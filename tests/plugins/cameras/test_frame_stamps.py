@@ -89,3 +89,27 @@ def test_a_new_start_of_the_sender_is_no_gap() -> None:
 def test_another_size_is_an_error_that_says_both() -> None:
     with pytest.raises(ImageChangedError, match=r"images are 4x3.*8x6.*calibrate"):
         stamper().reading(np.zeros((3, 4, 3), np.uint8), stamp_s=0.0, arrived_s=0.0)
+
+
+def test_an_image_a_second_later_than_the_quickest_is_kept_back() -> None:
+    """As by a clock of another unit: its stamps fall behind, and so would its times."""
+    camera = stamper()
+    ages = [
+        None if one is None else one.arrived_s - one.t_s
+        for k in range(300)
+        for one in [camera.reading(PICTURE, stamp_s=0.01 * k, arrived_s=0.1 * k)]
+    ]
+    assert None in ages
+    assert max(age for age in ages if age is not None) <= 1.0
+
+
+def test_images_of_a_sender_that_begins_anew_all_the_time_are_kept_back() -> None:
+    """Two cameras that send to one port; each of them begins anew after the other."""
+    camera = stamper()
+    for k in range(100):
+        camera.reading(PICTURE, stamp_s=5.0 + 0.1 * k, arrived_s=0.1 * k)
+        camera.reading(PICTURE, stamp_s=900.0 + 0.1 * k, arrived_s=0.1 * k + 0.05)
+    assert camera.reading(PICTURE, stamp_s=15.0, arrived_s=10.0) is None
+    alone = [camera.reading(PICTURE, stamp_s=15.1 + k, arrived_s=10.1 + k) for k in range(10)]
+    assert alone[0] is None
+    assert alone[-1] is not None

@@ -122,6 +122,32 @@ async def test_a_camera_that_stalls_says_so() -> None:
         assert (await anext(source)).seq == 1
 
 
+@pytest.mark.parametrize("what", ["damaged", "with a clock that stands"])
+async def test_a_camera_of_which_nothing_is_usable_has_stalled(what: str) -> None:
+    grabber = FakeGrabber()
+
+    async def sending() -> None:
+        while True:
+            pixels = None if what == "damaged" else picture(1)
+            grabber.things.put(GrabbedImage(pixels, 1.0))
+            await asyncio.sleep(0.01)
+
+    async with camera(grabber, stall_timeout_s=0.3) as source:
+        grabber.put(0, 1.0)
+        await anext(source)
+        task = asyncio.create_task(sending())
+        said = r"no image for 0\.3 s after 1 images \(\d+ incomplete, or without a time"
+        for _ in range(2):
+            with pytest.raises(SourceStalledError, match=said):
+                async with asyncio.timeout(10.0):
+                    await anext(source)
+        task.cancel()
+        await asyncio.wait([task])
+        grabber.put(2, 2.0)
+        assert (await anext(source)).seq > 10
+    assert source.counts.damaged > 10
+
+
 async def test_another_size_in_flight_is_an_error_and_no_reading() -> None:
     grabber = FakeGrabber()
     seen: list[Any] = []

@@ -217,6 +217,16 @@ def test_candidates_that_are_not_finite_are_left_out() -> None:
     assert len(decoded_candidates(rows, 2, "v5").scores) == 1
 
 
+@pytest.mark.parametrize(("layout", "shape"), [("v5", (1, 3, 7)), ("v8", (1, 6, 3))])
+def test_a_network_that_gives_no_numbers_has_not_looked(
+    layout: Kind, shape: tuple[int, ...]
+) -> None:
+    """It looked as if nothing was there."""
+    with pytest.raises(DetectorError, match="no number in any candidate"):
+        decoded_candidates(np.full(shape, np.nan, np.float32), 2, layout)
+    assert not len(decoded_candidates(np.ones((1, 0, 7), np.float32), 2, "v5").scores)
+
+
 def best(
     found: DetectorCandidates, threshold: float, overlap: float
 ) -> list[tuple[int, float, Any]]:

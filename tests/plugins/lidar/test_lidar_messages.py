@@ -1,12 +1,13 @@
 """Ranges in MAVLink's messages, by its own units and axes: what is said is what is read."""
 
 import math
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from wil_campaign.plugins.lidar.distance_sensor import rangefinder_reading
+from wil_campaign.plugins.lidar.distance_sensor import BEAMS, rangefinder_reading
 from wil_campaign.plugins.lidar.lidar import LidarOptions
 from wil_campaign.plugins.lidar.obstacle_distance import lidar_reading
 from wil_campaign.plugins.lidar.rangefinder import LOOKING_DOWN, RangefinderOptions
@@ -75,6 +76,17 @@ def test_limits_in_another_unit_than_the_campaign_s_are_refused() -> None:
             rangefinder_reading(distance(), WHEN, below(**limits))
     said = below(range_min_m=0.2, range_max_m=12.0)
     assert rangefinder_reading(distance(), WHEN, said)
+
+
+def test_of_two_sensors_that_look_in_one_direction_one_is_taken() -> None:
+    """As a sector of ArduPilot's proximity is, and the rangefinder ahead."""
+    vehicle: Any = SimpleNamespace(state=None)
+    read = BEAMS.reader(below(), vehicle)
+    assert read(distance(), WHEN) is not None
+    for _ in range(2):
+        with pytest.raises(UnusableReadingError, match="sensors 3 and 10 look in one direction"):
+            read(distance(700, id=10), WHEN)
+        assert read(distance(), WHEN) is not None
 
 
 def ranges(

@@ -1,6 +1,7 @@
 """Models of lidars and rangefinders: what the beams meet, and their noise."""
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -17,11 +18,12 @@ from wil_campaign.plugins.lidar.rangefinder import (
     RANGEFINDER_NOISES,
     RangefinderSensor,
 )
-from wil_campaign.vehicles.readings.checks import reading_fault
+from wil_campaign.vehicles.readings.checks import reading_fault, reading_rest_fault
 from wil_campaign.vehicles.sensors.beams import Directions, RayHits
 from wil_campaign.vehicles.sensors.noise_sets import NoiseSetName
 from wil_campaign.vehicles.sensors.truth import Truth
 from wil_campaign.worlds.frames import Pose
+from wil_campaign.worlds.geodesy import LocalFrame
 
 
 def box_room(sensor: Pose, directions_frd: Directions, t_s: float) -> RayHits:
@@ -63,6 +65,10 @@ def test_points_lie_on_surfaces_that_the_beams_met() -> None:
             5.0 if number == 2 else 0.0, abs=1e-4
         )
     assert reading_fault(reading) is None
+    earth = LocalFrame(47.4, 8.5, 488.0)
+    assert reading_rest_fault(reading, pose=truth.pose, frame=earth) is None
+    in_mm = replace(reading, points_frd_m=reading.points_frd_m * np.float32(1000.0))
+    assert "its unit is wrong" in str(reading_rest_fault(in_mm, pose=truth.pose, frame=earth))
 
 
 def test_a_rangefinder_looks_down_and_tells_nothing_beyond_its_reach() -> None:

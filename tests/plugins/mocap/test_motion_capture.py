@@ -146,6 +146,24 @@ def test_a_sender_that_starts_anew_is_followed(number: int) -> None:
     assert feed.statistics("drone").restarts == 2
 
 
+def test_two_systems_at_one_socket_are_not_taken_for_one() -> None:
+    """As behind a relay: each of them, alone, would be the vehicle."""
+    feed = capture()
+    for k in range(3):
+        feed.receive(packed(k, 1.0 + k / 100), k / 100)
+    for k in range(3, 200):
+        feed.receive(packed(k, 1.0 + k / 100), k / 100)
+        feed.receive(packed(9000 + k, 700.0 + k / 100, 5.0), k / 100 + 0.002)
+    figures = feed.statistics("drone")
+    assert figures.samples < 10
+    assert figures.missing == 0, "by the numbers of another"
+    assert feed.garbage > 380
+    assert "there are two senders, or its stamps are not seconds" in feed.complaint
+    for k in range(200, 1000):
+        feed.receive(packed(k, 1.0 + k / 100), k / 100)
+    assert feed.statistics("drone").samples > 250, "it is heard again once it is alone"
+
+
 def test_bodies_are_distinguished() -> None:
     feed = CaptureDecoder(bodies={"a": "real", "b": "twin"})
     pose = {"position_m": [0, 0, 0], "q_wxyz": [1, 0, 0, 0]}

@@ -213,6 +213,45 @@ async def test_missing_readings_are_counted_and_repeated_ones_are_not_used(
     assert [one.t_s for one in found] == pytest.approx([51.0, 51.1, 51.2])
 
 
+@pytest.mark.parametrize("scale", [1000.0, 100.0])
+async def test_ranges_in_another_unit_than_their_limit_are_refused(
+    publisher: Publisher, scale: float
+) -> None:
+    """An autonomy saw them as far away, and flew into what is near."""
+    live = source(publisher)
+    with pytest.raises(BadMessageError, match=r"`range_m` has \d+ m, and `range_max_m` is 12 m"):
+        live.receive(msgpack.packb(message("rangefinder", range_m=1.5 * scale)), 50.0)
+    live.receive(msgpack.packb(message("rangefinder", 1, 100.1, range_m=12.0)), 50.1)
+    live.receive(msgpack.packb(message("rangefinder", 2, 100.2, range_m=None)), 50.2)
+    taken = [await anext(live) for _ in range(2)]
+    assert [one.range_m for one in taken if isinstance(one, RangefinderReading)] == [12.0, math.inf]
+    scan = source(publisher, "lidar")
+    with pytest.raises(BadMessageError, match="`ranges_m` has"):
+        scan.receive(msgpack.packb(message("lidar", ranges_m=[1.5, None, 2.5 * scale])), 50.0)
+
+
+@pytest.mark.parametrize("how", ["on one clock", "on two clocks", "milliseconds"])
+async def test_two_senders_and_stamps_in_another_unit_are_not_used(
+    publisher: Publisher, how: str
+) -> None:
+    live = source(publisher)
+    for k in range(100):
+        now_s = 50.0 + 0.02 * k
+        scale = 1000.0 if how == "milliseconds" else 1.0
+        live.receive(msgpack.packb(message("rangefinder", k, scale * now_s)), now_s)
+        if how != "milliseconds":
+            sent_s = now_s + 0.01 + (500.0 if how == "on two clocks" else 0.0)
+            other = message("rangefinder", 3000 - k, sent_s, range_m=9.0)
+            live.receive(msgpack.packb(other), now_s + 0.01)
+    assert live.counts.restarts > 90
+    assert live.counts.damaged > 90
+    assert how == "on one clock" or live.counts.missed == 0, "by the numbers of another"
+    assert "there are two senders, or its stamps are not seconds" in live.complaint
+    with pytest.raises(SourceStalledError, match="there are two senders"):
+        _ = [one async for one in live]
+    assert live.counts.delivered < 15
+
+
 @pytest.mark.parametrize("t_s", [1.4, -8.0])
 async def test_a_sender_that_starts_anew_is_followed(publisher: Publisher, t_s: float) -> None:
     live = source(publisher)

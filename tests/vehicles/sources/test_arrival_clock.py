@@ -57,3 +57,14 @@ def test_a_late_sample_is_late_and_not_a_new_start() -> None:
 @pytest.mark.parametrize("stamp", [None, float("nan"), float("inf")])
 def test_without_a_stamp_the_arrival_counts(stamp: float | None) -> None:
     assert ArrivalClock(latency_s=0.1).run_time(stamp, 5.0) == pytest.approx(4.9)
+
+
+def test_stamps_that_go_back_a_little_are_no_restarts() -> None:
+    """As of two bodies of one frame, each in a message of its own."""
+    clock = ArrivalClock()
+    for k in range(100):
+        for back_s in (0.0, 0.002):
+            assert clock.run_time(5.0 + 0.01 * k - back_s, 0.01 * k) <= 0.01 * k + 1e-9
+    assert clock.resets == 0
+    clock.run_time(5.8, 1.0)
+    assert clock.resets == 1

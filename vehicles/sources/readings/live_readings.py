@@ -7,6 +7,7 @@ from typing import Literal, Self
 
 from wil_campaign.vehicles.readings import Reading
 from wil_campaign.vehicles.readings.checks import reading_fault
+from wil_campaign.vehicles.sources.arrival_clock import RestartMeter
 from wil_campaign.vehicles.sources.camera_source import (
     SourceCounts,
     SourceError,
@@ -31,9 +32,9 @@ class LiveReadings:
 
     name: of the source in messages. what: the awaited readings, in words. stall_s: how long each
     reading is waited for. remedy: what to do when nothing arrives at all. `offer` and `refuse` are
-    called in the loop. A reading that is faulty, older than the one before it, or stamped by
-    another clock is counted as damaged and never handed on; a source that sends nothing else
-    stalls.
+    called in the loop. A reading that is faulty, older than the one before it, stamped by another
+    clock, or of a sender that begins anew all the time is counted as damaged and never handed on;
+    a source that sends nothing else stalls.
     """
 
     kind: Literal["live"] = "live"
@@ -49,6 +50,8 @@ class LiveReadings:
         self.missed = 0
         self.restarts = 0
         """How often the sender's clock or its numbers began anew."""
+        self._restart_meter = RestartMeter()
+        self._restarts_before = 0
         self._stall_s = stall_s
         self._waiting: deque[Reading] = deque()
         self._arrived = asyncio.Event()
@@ -96,6 +99,9 @@ class LiveReadings:
         """Take a reading that has just arrived. skipped: how many before it never arrived."""
         self._seq += 1 + skipped
         self.missed += skipped
+        if self.restarts > self._restarts_before:
+            self._restarts_before = self.restarts
+            self._restart_meter.add(reading.arrived_s)
         if 0.0 < reading.t_s - reading.arrived_s <= _EARLY_S:
             # Sampling cannot be later than arrival.
             reading = replace(reading, t_s=reading.arrived_s)
@@ -150,6 +156,8 @@ class LiveReadings:
             )
         if self.newest is not None and reading.t_s <= self.newest.t_s:
             return f"its time stamp does not advance: {reading.t_s:.3f} s was received before"
+        if why := self._restart_meter.fault(reading.arrived_s):
+            return why
         fault = reading_fault(reading)
         return None if fault is None else fault.detail
 

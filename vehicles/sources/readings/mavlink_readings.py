@@ -95,7 +95,9 @@ class MavlinkReadings:
         """Return a message's times on the run clock. Raises UnusableReadingError."""
         sent_s, is_unix = message_stamp_s(message)
         if is_unix:
-            return MessageTimes(self._unix.run_time(sent_s, arrived_s), arrived_s, self._side)
+            t_s = self._unix.run_time(sent_s, arrived_s)
+            self._into.restarts = self._unix.resets
+            return MessageTimes(t_s, arrived_s, self._side)
         try:
             t_s = self._vehicle.clock.run_time(sent_s)
         except ValueError as error:

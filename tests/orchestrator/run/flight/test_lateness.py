@@ -1,7 +1,11 @@
 """A machine that is too busy for the wall clock is named as the cause of a red run."""
 
+import asyncio
+import time
+
 import pytest
 
+from wil_campaign.foundation.clocks.virtual_loop import run_virtual
 from wil_campaign.orchestrator.run.flight.lateness import MachineLateness, lateness_remedy
 from wil_campaign.orchestrator.state.run_state import RunState
 from wil_campaign.safety.model.verdict import decide_verdict
@@ -62,3 +66,35 @@ def test_a_verdict_that_lateness_does_not_explain_keeps_its_reason(
 
 def test_attached_vehicles_cannot_be_flown_in_virtual_time() -> None:
     assert lateness_remedy(virtual=False) == "fly on a free machine"
+
+
+@pytest.mark.parametrize(
+    ("flies_on", "asleep_s", "verdict"),
+    [(True, 3.0, "INVALID"), (True, 0.0, "PASS"), (False, 3.0, "PASS")],
+)
+def test_a_machine_that_was_suspended_did_not_see_what_was_flown(
+    monkeypatch: pytest.MonkeyPatch, flies_on: bool, asleep_s: float, verdict: str
+) -> None:
+    """CLOCK_MONOTONIC stands meanwhile (man clock_gettime), and with it all that is measured."""
+    clock = {"asleep_s": 50.0}
+
+    def read(which: int) -> float:
+        return 100.0 + (clock["asleep_s"] if which == time.CLOCK_BOOTTIME else 0.0)
+
+    monkeypatch.setattr(time, "clock_gettime", read)
+
+    async def fly() -> RunState:
+        run_state = RunState(time=asyncio.get_running_loop().time)
+        lateness = MachineLateness(run_state=run_state, remedy="", flies_on=flies_on)
+        run_state.enter("takeoff")
+        task = asyncio.create_task(lateness.run())
+        await asyncio.sleep(0.5)
+        clock["asleep_s"] += asleep_s
+        await asyncio.sleep(0.5)
+        task.cancel()
+        await asyncio.wait([task])
+        return run_state
+
+    found = decide_verdict(run_virtual(fly()).decisive, (), end_s=200.0)
+    assert found.verdict == verdict
+    assert ("suspended for 3.00 s" in found.reason) is (verdict == "INVALID")

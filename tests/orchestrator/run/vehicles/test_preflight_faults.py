@@ -28,7 +28,8 @@ from wil_campaign.vehicles.embedded.autopilot.px4.px4_core import Px4Core
 from wil_campaign.vehicles.embedded.physics.config import EmbeddedConfig
 from wil_campaign.vehicles.embedded.vehicle import EmbeddedVehicle
 from wil_campaign.vehicles.poses.pose_history import PoseHistory
-from wil_campaign.worlds.frames import Pose
+from wil_campaign.vehicles.readings import PoseReading
+from wil_campaign.worlds.frames import Pose, quat_multiply
 
 ARDUPILOT = "vehicles.twin.autopilot=ardupilot"
 
@@ -148,9 +149,23 @@ def silent(vehicle: EmbeddedVehicle) -> None:
     vehicle._mocap._callbacks.clear()
 
 
+def turned_over(vehicle: EmbeddedVehicle) -> None:
+    """As one whose forward, left, up axes are sent as forward, right, down."""
+    callbacks = vehicle._mocap._callbacks
+    deliver = tuple(callbacks)
+
+    def take(reading: PoseReading) -> None:
+        q_wxyz = quat_multiply(reading.pose.q_wxyz, (0.0, 1.0, 0.0, 0.0))
+        for callback in deliver:
+            callback(replace(reading, pose=replace(reading.pose, q_wxyz=q_wxyz)))
+
+    callbacks[:] = [take]
+
+
 @pytest.mark.parametrize(
     ("fault", "said"),
     [
+        (turned_over, ["real mocap: the angle of its vertical axis by motion capture from that "]),
         (slow, ["real mocap: the rate of its motion capture poses is 4 Hz, and at least 10 Hz"]),
         (
             silent,
@@ -166,7 +181,7 @@ def silent(vehicle: EmbeddedVehicle) -> None:
         ),
     ],
 )
-def test_motion_capture_that_is_slow_or_silent(
+def test_motion_capture_that_is_slow_or_silent_or_turned_over(
     fly_run: Fly, fault: Callable[[EmbeddedVehicle], None], said: list[str]
 ) -> None:
     refused = refusals(fly_run(disturb=once_ready("real", fault)))

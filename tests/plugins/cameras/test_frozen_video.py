@@ -1,0 +1,102 @@
+"""A camera that is frozen before its encoder: no two images are equal, and all show the same."""
+
+import io
+import math
+from collections.abc import Iterator
+from itertools import groupby
+from typing import Any
+
+import av
+import cv2
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from wil_campaign.vehicles.readings import CameraReading
+from wil_campaign.vehicles.sources.readings.frozen_readings import FrozenReadings
+from wil_campaign.worlds.camera import Intrinsics
+from wil_campaign.worlds.frames import Pose
+
+Picture = NDArray[np.uint8]
+SIZE = (320, 240)
+LENS = Intrinsics.from_fov(*SIZE, 1.2)
+
+
+def scene() -> Picture:
+    """A room with furniture, by a noisy camera."""
+    rng = np.random.default_rng(1)
+    image = cv2.resize(rng.normal(128.0, 25.0, (6, 8, 3)), SIZE, interpolation=cv2.INTER_CUBIC)
+    for _ in range(20):
+        x, y, width, height = (int(one) for one in rng.integers((0, 0, 8, 8), (300, 220, 80, 80)))
+        colour = [float(one) for one in rng.integers(0, 255, 3)]
+        cv2.rectangle(image, (x, y), (x + width, y + height), colour, -1)
+    return noisy(image, rng)
+
+
+def noisy(image: Any, rng: np.random.Generator, sigma: float = 2.5) -> Picture:
+    noise = rng.normal(0.0, sigma, image.shape)
+    return np.asarray((image + noise).clip(0, 255), np.uint8)
+
+
+def streamed(pictures: list[Picture], **options: str) -> Iterator[Picture]:
+    """Yield pictures as they arrive through H.264."""
+    file = io.BytesIO()
+    with av.open(file, "w", format="mpegts") as container:
+        stream: Any = container.add_stream("libx264", rate=15)
+        stream.width, stream.height, stream.pix_fmt = *SIZE, "yuv420p"
+        stream.options = {"tune": "zerolatency", "g": "15", **options}
+        for picture in pictures:
+            yuv = cv2.cvtColor(picture, cv2.COLOR_BGR2YUV_I420)
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(yuv, format="yuv420p")))
+        container.mux(stream.encode(None))
+    file.seek(0)
+    with av.open(file) as video:
+        for frame in video.decode(video=0):
+            yield frame.to_ndarray(format="bgr24")
+
+
+def watched(pictures: list[Picture], *, step_m: float = 0.05, step_rad: float = 0.0) -> list[str]:
+    """Return what is said of images while the vehicle moves and turns."""
+    frozen, said = FrozenReadings(), []
+    for k, image in enumerate(pictures):
+        pose = Pose.of(step_m * k, 0.0, 1.0, yaw_rad=step_rad * k)
+        reading = CameraReading(k / 15, k / 15, k, "real", image, LENS, rendered=False)
+        if text := frozen.receive(reading, pose):
+            said.append(text)
+    return said
+
+
+@pytest.mark.parametrize(
+    "encoder",
+    [
+        {"preset": "ultrafast", "crf": "23"},
+        {"preset": "veryfast", "crf": "28"},
+        {"preset": "veryfast", "b": "300k"},
+    ],
+)
+@pytest.mark.parametrize(("step_m", "step_rad"), [(0.05, 0.0), (0.001, math.radians(1.0))])
+def test_a_still_behind_an_encoder_is_frozen(
+    encoder: dict[str, str], step_m: float, step_rad: float
+) -> None:
+    images = list(streamed([scene()] * 60, **encoder))[15:]
+    longest = max(len(list(alike)) for _, alike in groupby(images, lambda one: one.tobytes()))
+    assert longest < 10, "it is not found by equal images"
+    said = watched(images, step_m=step_m, step_rad=step_rad)
+    assert said
+    assert "images, since " in said[0]
+    assert said[0].endswith("the sensor is frozen")
+    assert not watched(images, step_m=0.01)
+
+
+def test_a_camera_that_sees_is_not_frozen() -> None:
+    rng, image = np.random.default_rng(2), scene().astype(np.float64)
+    row, column = SIZE[1] / 2, SIZE[0] / 2
+    # 0.05 m nearer each time, to a scene that is 60 m away.
+    ahead = [
+        cv2.getRotationMatrix2D((column, row), 0.0, 60.0 / (60.0 - 0.05 * k)) for k in range(60)
+    ]
+    assert not watched([noisy(cv2.warpAffine(image, one, SIZE), rng) for one in ahead])
+    wall = np.full_like(image, 120.0)
+    assert not watched([noisy(wall, rng) for _ in range(60)]), "nothing to see"
+    wall[:20] = wall[-20:] = 0.0
+    assert not watched([noisy(wall, rng) for _ in range(60)]), "bars above and below"
