@@ -56,13 +56,15 @@ class ExpectedImage:
 
     ids: of all objects in the virtual world. image_bgr: as our renderer draws these. unknown: where
     a physical object may hide a virtual one; pixels there do not count. px_per_sample: pixels of
-    the full image from one of these to the next.
+    the full image from one of these to the next. hidden: where a physical object of the world file
+    hides what ids has, farther from its outline than the default limit of the offset.
     """
 
     ids: Ids
     image_bgr: BgrImage
     unknown: Mask | None
     px_per_sample: int
+    hidden: Mask | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,6 +8,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from wil_campaign.recipes.visibility.images import well_within
 from wil_campaign.recipes.visibility.model import (
     ExpectedImage,
     ExpectedRanges,
@@ -34,7 +35,7 @@ class ExpectedViews:
         physical = tuple(thing for thing in real.objects if thing.name not in virtual)
         everything = Scene((*virtual.objects, *physical))
         self._virtual_images = ThroughLens(WorldImages(scene=virtual, events=events))
-        self._has_physical = bool(physical)
+        self._physical = [thing.object_id for thing in physical]
         self._all_images = self._virtual_images
         if physical:
             self._all_images = ThroughLens(WorldImages(scene=everything, events=events))
@@ -63,14 +64,17 @@ class ExpectedViews:
         )
         ids = _require_ids(rendered.object_ids)
         unknown: Mask | None = None
-        if self._has_physical:
+        hidden: Mask | None = None
+        if self._physical:
             with_physical = self._all_images.picture(camera, sampled, t_s, want_ids=True)
-            unknown = virtual.mask_of(ids) & (_require_ids(with_physical.object_ids) != ids)
+            seen = _require_ids(with_physical.object_ids)
+            unknown = virtual.mask_of(ids) & (seen != ids)
+            hidden = unknown & well_within(np.isin(seen, self._physical))
         if real_depth_m is not None and rendered.depth_m is not None:
             nearer = real_depth_m < rendered.depth_m - _HIDDEN_M
             unknown = nearer if unknown is None else unknown | nearer
         step = image_samples_of(intrinsics).step
-        return ExpectedImage(ids, rendered.image_bgr, unknown, step)
+        return ExpectedImage(ids, rendered.image_bgr, unknown, step, hidden)
 
     def depths(self, camera: Pose, intrinsics: Intrinsics, t_s: float) -> ExpectedRanges:
         """Return the expected depths along the optical axis at the samples, flat."""
