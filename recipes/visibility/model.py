@@ -71,11 +71,13 @@ class ExpectedImage:
 class ExpectedRanges:
     """The expected ranges from geometry, of each beam, depth pixel or point, (elements,) each.
 
-    ranges_m: to the nearest surface, inf without one. ids: of the object there.
+    ranges_m: to the nearest surface, inf without one. ids: of the object there. virtual: the same
+    of the virtual world alone; None where that is all.
     """
 
     ranges_m: Ranges
     ids: Ids
+    virtual: "ExpectedRanges | None" = None
 
 
 @dataclass(frozen=True, slots=True)
