@@ -21,6 +21,9 @@ from wil_campaign.worlds.scene.motion import MOMENTS
 from wil_campaign.worlds.scene.scene import Scene
 from wil_campaign.worlds.world_file.world import Mode, Which, World
 
+_LARGEST = 1e6
+_STRAIGHT_DEG = 180.0
+
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Render a preview of a world file; 2 for a bad file, 3 for an output that fails."""
@@ -57,7 +60,8 @@ def _parser() -> argparse.ArgumentParser:
         ("fov", 69.0, "horizontal field of view, degrees"),
         ("at", 0.0, "time of motions, seconds after t0"),
     ):
-        parser.add_argument(f"--{name}", type=float, default=default, help=f"{text} ({default:g})")
+        kind = _fov if name == "fov" else _number
+        parser.add_argument(f"--{name}", type=kind, default=default, help=f"{text} ({default:g})")
     parser.add_argument("--size", type=_size, default=(960, 540), help="WIDTHxHEIGHT (960x540)")
     parser.add_argument("--mode", choices=get_args(Mode), default="wil", help="of the run (wil)")
     parser.add_argument(
@@ -81,6 +85,24 @@ def _image_file(text: str) -> Path:
     return Path(text)
 
 
+def _number(text: str) -> float:
+    """Return a place, angle or time of the preview. Raises ArgumentTypeError if not finite."""
+    try:
+        number = float(text)
+    except ValueError:
+        number = math.nan
+    if not abs(number) <= _LARGEST:
+        raise argparse.ArgumentTypeError(f"must be a number up to {_LARGEST:g}")
+    return number
+
+
+def _fov(text: str) -> float:
+    """Return the preview's field of view, degrees. Raises ArgumentTypeError for no angle."""
+    if not 0.0 < (angle := _number(text)) < _STRAIGHT_DEG:
+        raise argparse.ArgumentTypeError("must be an angle between 0 and 180 degrees")
+    return angle
+
+
 def _size(text: str) -> tuple[int, int]:
     width, cross, height = text.partition("x")
     if not cross or not (width.isdecimal() and height.isdecimal()):
@@ -98,7 +120,7 @@ def _event(text: str) -> tuple[str, float]:
         raise argparse.ArgumentTypeError("must be NAME=SECONDS, such as goal=0")
     if name not in MOMENTS:
         raise argparse.ArgumentTypeError(f"motions wait for one of {', '.join(MOMENTS)}")
-    return name, float(at_s)
+    return name, _number(at_s)
 
 
 def _draw_image(scene: Scene, options: argparse.Namespace) -> RenderOutput:

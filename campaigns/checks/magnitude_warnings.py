@@ -17,6 +17,8 @@ _LEAST_FOV_DEG = 4.0
 """Below it a lens is a telescope's; pi and less are fields of view in radians."""
 _LARGE_M, _HIGH_M, _SMALL_M = 100.0, 50.0, 0.02
 """A mesh larger and higher than a tall building, or smaller than a screw, has another unit."""
+_WIDER = 1.25
+"""An opening so many times as wide as its whole mesh has another unit."""
 _VAST_M, _TALL_M = 1000.0, 200.0
 """No room, gate or box of a world is: a metre in millimetres is."""
 _LEAST_V, _MOST_V = 3.0, 100.0
@@ -129,3 +131,8 @@ def _odd_sizes(file: Document, thing: SceneObject) -> Iterator[Problem]:
     elif max(spans) < _SMALL_M:
         text = f"is {size} m small: if its file is in metres, leave `scale` out"
         yield file.problem(path, text, key=True)
+    for opening in thing.shape.openings if kind == "mesh" else ():
+        across = max((float(span) for span in np.ptp(opening.corners_m, axis=0)), default=0.0)
+        if across > _WIDER * max(spans):
+            text = f"is {across:.3g} m across, and its mesh {max(spans):.3g} m: what flies past it"
+            yield file.problem((*path, "opening"), f"{text} is through; lengths are in metres")

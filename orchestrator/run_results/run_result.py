@@ -120,7 +120,7 @@ class MixingResult:
     The figures are those of the recipe's first combination; `combinations` has all of them.
     registration_error_px: None without an independent reference; registration_bound_px is its bound
     then. unseen: virtual objects that the goal or a required oracle names and that no measured
-    mixture had in view.
+    mixture had in view; all that mixtures had to show, where none was in view.
     """
 
     frames: int

@@ -10,7 +10,7 @@ from wil_campaign.plugins.lidar.scans import with_beams
 from wil_campaign.recipes.model.registry import SidedParameters, StepContext, step
 from wil_campaign.recipes.operations.step_parameters import Degrees
 from wil_campaign.recipes.steps.transform.geometry import refuse_own_side
-from wil_campaign.recipes.working import CannotMixError, Masked, Operator
+from wil_campaign.recipes.working import CannotMixError, Masked, Operator, Side
 from wil_campaign.vehicles.readings import LidarScanReading
 
 Work = Masked[LidarScanReading]
@@ -40,6 +40,10 @@ class ResampleBeamsParameters(SidedParameters):
     def _not_to_itself(self) -> "ResampleBeamsParameters":
         refuse_own_side(self, self.to, "beams")
         return self
+
+    def like(self) -> Side | None:
+        """Return the side whose beams are taken."""
+        return self.to if isinstance(self.to, str) else None
 
 
 @step("resample_beams", stage="transform", sensors=("lidar",), parameters=ResampleBeamsParameters)

@@ -1,6 +1,7 @@
 """Visibility of virtual objects in mixed scans, beams and point clouds."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -79,17 +80,23 @@ class _OfBeams(_ByRays):
         sensor = at.body.compose(mixed.mount)
         cone = measured.views.ranges(sensor, cone_directions(half_rad, 8), at.t_s)
         around = measured.views.ranges(sensor, cone_directions(half_rad + _AROUND_RAD, 8), at.t_s)
-        nearest = slice(k := int(cone.ranges_m.argmin()), k + 1)
+        behind = None if cone.virtual is None else _nearest(cone.virtual)
         return compare_ranges(
             t_s=at.t_s,
             real_m=np.array([real.range_m]),
             mixed_m=np.array([mixed.range_m]),
-            expected=ExpectedRanges(cone.ranges_m[nearest], cone.ids[nearest]),
+            expected=replace(_nearest(cone), virtual=behind),
             virtual=measured.virtual,
             reach_m=(mixed.range_min_m, mixed.range_max_m),
             least=1,
             nearest_m=float(around.ranges_m.min()),
         )
+
+
+def _nearest(cone: ExpectedRanges) -> ExpectedRanges:
+    """Return the nearest surface in the beams of a cone."""
+    nearest = slice(k := int(cone.ranges_m.argmin()), k + 1)
+    return ExpectedRanges(cone.ranges_m[nearest], cone.ids[nearest])
 
 
 class _OfPoints(_ByRays):

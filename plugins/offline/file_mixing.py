@@ -120,6 +120,8 @@ def _refuse_to_overwrite(order: MixOrder) -> None:
         if written.resolve() in taken:
             raise OfflineError(f"{written}: is an input file; write to another file")
         refuse_file_of_run(written)
+    if order.stages is not None and order.stages.resolve() == order.out.resolve():
+        raise OfflineError(f"{order.stages}: is the mixture's file; write to another file")
 
 
 def _refuse_unknown_objects(recipe: Recipe, objects: Mapping[str, int]) -> None:

@@ -216,6 +216,13 @@ def _check_kinds(reader: "_Reader", sensor: RecipeSensor, found: list[StepUse]) 
             if refusal:
                 reader.note(step.path, refusal, key=True)
                 return
+        like = step.parameters.like()
+        if like is not None and kinds[like] not in step.kind.sensors:
+            message = (
+                f"step '{step.kind.name}' is to be like {like}, which is a {kinds[like]} there"
+            )
+            reader.note(step.path, f"{message}, not {' or '.join(step.kind.sensors)}", key=True)
+            return
         for side in sides:
             kinds[side] = step.kind.gives.get(kinds[side], kinds[side])
 

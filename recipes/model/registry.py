@@ -91,6 +91,10 @@ class StepParameters(Part):
         """Return the world objects named in a step's parameters, each with its path."""
         return ()
 
+    def like(self) -> Side | None:
+        """Return the side whose reading gives the step a size, beams or colours; None for none."""
+        return None
+
     def covers_with(self) -> Side | None:
         """Return the side that hides all of the other in a merge, where nothing filters it."""
         return None

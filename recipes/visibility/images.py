@@ -91,9 +91,38 @@ def compare_images(pair: ImagePair) -> FrameVisibility:
         found = _match_objects(replace(pair, virtual=virtual), changed, ids)
     known = expected.ids if expected.unknown is None else expected.ids * ~expected.unknown
     least = IN_VIEW_SHARE * known.size
+    if through := _shown_through(pair, known):
+        elsewhere = found.elsewhere + through
+        found = replace(found, elsewhere=elsewhere, is_unexpected=True)
     sought = tuple(one for one in found.objects if one.name in virtual.names.values())
     not_mixed = virtual.not_mixed_in(_inner(known), least=least)
     return replace(found, objects=sought, not_mixed=not_mixed)
+
+
+def well_within(mask: Mask) -> Mask:
+    """Return the part of a mask that is farther from its outline than the default limit."""
+    size = 2 * math.ceil(LIMIT_SHARE_OF_WIDTH * mask.shape[1]) + 1
+    inner: Mask = cv2.erode(mask.astype(np.uint8), np.ones((size, size), np.uint8)) != 0
+    return inner
+
+
+def _shown_through(pair: ImagePair, known: NDArray[np.uint8]) -> float:
+    """Return the share of an image that shows objects of which a physical one hides everything.
+
+    One that is hidden in part alone may be drawn whole: without depth nothing is compared. 0 where
+    it is too small to be in view.
+    """
+    hidden, least = pair.expected.hidden, IN_VIEW_SHARE * known.size
+    if hidden is None or not hidden.any():
+        return 0.0
+    contrast = _change(pair.real_bgr, pair.expected.image_bgr).astype(np.float32)
+    shown = hidden & (
+        _change(pair.real_bgr, pair.mixed_bgr) > np.maximum(1.0, CONTRAST_SHARE * contrast)
+    )
+    counts = np.bincount(pair.expected.ids[shown], minlength=256)
+    visible = np.bincount(known.reshape(-1), minlength=256)
+    through = [counts[i] for i in pair.virtual.names if counts[i] >= least and not visible[i]]
+    return float(sum(through)) / known.size
 
 
 def compare_outlines(pair: ImagePair, changed: Mask, ids: NDArray[np.uint8]) -> FrameVisibility:

@@ -56,24 +56,28 @@ class ExpectedImage:
 
     ids: of all objects in the virtual world. image_bgr: as our renderer draws these. unknown: where
     a physical object may hide a virtual one; pixels there do not count. px_per_sample: pixels of
-    the full image from one of these to the next.
+    the full image from one of these to the next. hidden: where a physical object of the world file
+    hides what ids has, farther from its outline than the default limit of the offset.
     """
 
     ids: Ids
     image_bgr: BgrImage
     unknown: Mask | None
     px_per_sample: int
+    hidden: Mask | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class ExpectedRanges:
     """The expected ranges from geometry, of each beam, depth pixel or point, (elements,) each.
 
-    ranges_m: to the nearest surface, inf without one. ids: of the object there.
+    ranges_m: to the nearest surface, inf without one. ids: of the object there. virtual: the same
+    of the virtual world alone; None where that is all.
     """
 
     ranges_m: Ranges
     ids: Ids
+    virtual: "ExpectedRanges | None" = None
 
 
 @dataclass(frozen=True, slots=True)

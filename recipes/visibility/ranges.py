@@ -56,6 +56,7 @@ def compare_ranges(
         is_real = np.abs(mixed_m - real_m) < error
         nearer = mixed_m < real_m - range_limits_m(mixed_m)
         away = nearer & (mixed_m < np.minimum(due, nearest_m) - limit)
+        away |= _is_shown_through(real_m, mixed_m, expected.virtual or expected, virtual)
     visible = virtual.mask_of(expected.ids) & is_clear & is_distinct
     elements = ComparedRanges(error, nearer, (error <= limit) & ~is_real, limit)
     objects = tuple(
@@ -70,6 +71,24 @@ def compare_ranges(
     unexpected = bool(np.count_nonzero(away) >= max(1.0, min(most, away.size)))
     changed = _share(mixed_m != real_m)
     return FrameVisibility(t_s, objects, changed, _share(away), unexpected, not_mixed)
+
+
+def _is_shown_through(
+    real_m: NDArray[np.float64],
+    mixed_m: NDArray[np.float64],
+    expected: ExpectedRanges,
+    virtual: VirtualObjects,
+) -> Mask:
+    """Return where the mixture has a virtual object's range, behind what the real sensor measured.
+
+    expected: of the virtual world alone. The real surface is lost to the autonomy there.
+    """
+    limit = range_limits_m(expected.ranges_m)
+    is_behind = real_m < expected.ranges_m - 2.0 * limit
+    found: Mask = (
+        virtual.mask_of(expected.ids) & is_behind & (np.abs(mixed_m - expected.ranges_m) <= limit)
+    )
+    return found
 
 
 def _share(mask: Mask) -> float:

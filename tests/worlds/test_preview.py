@@ -57,7 +57,18 @@ def test_a_picture_that_cannot_be_written(
 
 @pytest.mark.parametrize(
     "wrong",
-    [["p.gif"], ["p.png", "--size", "0x9"], ["p.png", "--size", "9"], ["p.png", "--event", "x"]],
+    [
+        ["p.gif"],
+        ["p.png", "--size", "0x9"],
+        ["p.png", "--size", "9"],
+        ["p.png", "--event", "x"],
+        ["p.png", "--event", "goal=nan"],
+        ["p.png", "--fov", "0"],
+        ["p.png", "--fov", "180"],
+        ["p.png", "--fov", "nan"],  # it ended the process: no pixel is at NaN
+        ["p.png", "--north", "inf"],
+        ["p.png", "--at", "soon"],
+    ],
 )
 def test_wrong_options_are_refused(wrong: list[str]) -> None:
     with pytest.raises(SystemExit) as ended:

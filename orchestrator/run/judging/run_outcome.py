@@ -214,15 +214,20 @@ def _mixing_result(mixings: tuple[MixingLoop, ...], *, named: set[str]) -> Mixin
 
 
 def _unseen(combinations: tuple[CombinationResult, ...], named: set[str]) -> tuple[str, ...]:
-    """Return the named virtual objects that were looked for and were in view of no mixture."""
+    """Return the named virtual objects that were looked for and were in view of no mixture.
+
+    Where none at all was in view, so that nothing was mixed: all that mixtures had to show.
+    """
     sought: set[str] = set()
     in_view: set[str] = set()
+    to_show: set[str] = set()
     for combination in combinations:
         if combination.frames_measured:
             sought.update(combination.shown, combination.not_mixed)
+            to_show.update(combination.shown)
         in_view.update(name for name, each in combination.shown.items() if each.frames_in_view)
         in_view.update(name for name, count in combination.not_mixed.items() if count)
-    return tuple(sorted((sought & named) - in_view))
+    return tuple(sorted((sought & named) - in_view if in_view else (sought & named) | to_show))
 
 
 def unmoved_objects(

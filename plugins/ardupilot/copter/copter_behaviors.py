@@ -25,6 +25,8 @@ _MIN_SLOPE = 0.5
 class CopterManoeuvres(Manoeuvres):
     """ArduCopter's behaviours by WPNAV_*, LAND_* and RTL_*, which are in cm and cm/s."""
 
+    zero_keeps_height = True
+
     def default_speeds(self) -> GuidanceSpeeds:
         """Return the speed limits of ArduCopter's automatic modes."""
         names = ("WPNAV_SPEED", "WPNAV_SPEED_UP", "WPNAV_SPEED_DN")
@@ -76,8 +78,9 @@ class CopterManoeuvres(Manoeuvres):
             speeds=limits,
         )
 
-    def waypoint(self, position_ned_m: Vec3) -> GoToBehaviour:
-        """Return ArduCopter's flight to a place of a mission."""
+    def waypoint(self, position_ned_m: Vec3, *, yaw_deg: float) -> GoToBehaviour:
+        """Return ArduCopter's flight to a place of a mission, whose heading it does not use."""
+        del yaw_deg
         return self.go_to(position_ned_m, radius_m=self._metres("WPNAV_RADIUS"))
 
     def go_to(self, position_ned_m: Vec3, *, radius_m: float) -> GoToBehaviour:

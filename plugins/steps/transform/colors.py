@@ -15,7 +15,7 @@ from wil_campaign.plugins.steps.operations.photometry import (
     photometry_with_known,
 )
 from wil_campaign.recipes.model.registry import SidedParameters, Stage, StepContext, step
-from wil_campaign.recipes.working import AnyMasked, CannotMixError, Masked, Operator
+from wil_campaign.recipes.working import AnyMasked, CannotMixError, Masked, Operator, Side
 from wil_campaign.vehicles.readings import BgrImage, CameraReading
 
 Work = Masked[CameraReading]
@@ -100,6 +100,10 @@ class MatchPhotometryParameters(SidedParameters):
             if value is not None and not matched:
                 raise KeyFaultError(key, f"has no effect with {key.partition('_')[0]}: false")
         return self
+
+    def like(self) -> Side | None:
+        """Return the side whose colours are matched."""
+        return "twin" if self.on == "real" else "real"
 
 
 def match_photometry(parameters: MatchPhotometryParameters, context: StepContext) -> Operator:  # noqa: ARG001 - the interface of steps

@@ -22,6 +22,8 @@ _KEPT_BIG = 320
 """The same of delayed images and clouds: 10 s at 30 Hz, and never more than the delay spans."""
 _KEPT_AROUND = 16
 """The same of images and clouds for resampling."""
+_BEHIND_S = 1.0
+"""How far a mixture may be behind the newest reading: the other side's come later."""
 
 
 class _Memory:
@@ -65,10 +67,13 @@ def _memory(reading: Reading, span_s: float, kept_big: int) -> _Memory:
 
 
 class _Remembering(TimedOperator):
-    """A timing step that remembers readings `span_s` back, at most `kept_big` large ones."""
+    """A timing step that remembers what is `span_s` older than a reading that is mixed.
+
+    kept_big: how many large ones at most.
+    """
 
     def __init__(self, span_s: float, kept_big: int) -> None:
-        self._span_s = span_s
+        self._span_s = span_s + _BEHIND_S
         self._kept_big = kept_big
         self._memory: _Memory | None = None
 

@@ -82,6 +82,10 @@ class ResizeParameters(SidedParameters):
         refuse_own_side(self, self.to, "size")
         return self
 
+    def like(self) -> Side | None:
+        """Return the side whose image size is taken."""
+        return self.to if isinstance(self.to, str) else None
+
 
 @step("resize", stage="transform", sensors=IMAGE_SENSORS, parameters=ResizeParameters)
 def resize(parameters: ResizeParameters, context: StepContext) -> Operator:  # noqa: ARG001 - the interface of steps
@@ -154,6 +158,10 @@ class CameraModelParameters(SidedParameters):
         """Refuse imitating the side's own camera."""
         refuse_own_side(self, self.to, "camera")
         return self
+
+    def like(self) -> Side | None:
+        """Return the side whose camera is taken."""
+        return self.to if isinstance(self.to, str) else None
 
 
 @step("camera_model", stage="transform", sensors=IMAGE_SENSORS, parameters=CameraModelParameters)

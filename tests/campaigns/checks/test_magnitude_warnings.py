@@ -109,6 +109,24 @@ def test_a_mesh_in_another_unit_is_warned_of(files: Any, scale: str, said: str) 
     assert [one for one in told if one.startswith("is ")] == ([said] if said else [])
 
 
+@pytest.mark.parametrize(("half", "is_wide"), [(500, False), (2000, True)])
+def test_an_opening_far_wider_than_its_mesh_is_warned_of(
+    files: Any, half: int, is_wide: bool
+) -> None:
+    """A flight past the frame would be one through it."""
+    (files.folder / "cube.obj").write_text(CUBE)
+    corners = f"[[0, -{half}, -{half}], [0, {half}, -{half}], [0, {half}, {half}]]"
+    files.append(
+        f"  cube:\n    shape: {{mesh: {{file: cube.obj, opening: {{polygon_m: {corners}}}}}}}\n"
+        "    pose: {north_m: 20, up_m: 1}\n    exists_in: {sim: Wv, wil: both, real: W}\n",
+        file="world.yaml",
+    )
+    said = "is 4e+03 m across, and its mesh 1e+03 m: what flies past it is through"
+    told = [one for one in warned(files) if "past it" in one]
+    assert len(told) == is_wide
+    assert all(said in one for one in told)
+
+
 @pytest.mark.parametrize(
     ("given", "said"),
     [

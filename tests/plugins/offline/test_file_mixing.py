@@ -294,6 +294,7 @@ def test_bad_input_is_reported_and_nothing_is_written(
         (("--sensor", "sonar"), "no sensor 'sonar'"),
         (("--sensor", "range"), "'range', a rangefinder, from recordings into an .mcap alone"),
         (("--stages", "SHEET", "--frame", "1"), "there is no frame 1"),
+        (("--stages", "OUT"), "is the mixture's file"),
         (("--real-depth", "DEPTH"), "depth of 3x2 for an image of 160x120"),
         (("--twin-depth", "PHOTO"), "is not a 16-bit image"),
     ],
@@ -302,7 +303,7 @@ def test_bad_options_are_reported(
     here: Path, capsys: pytest.CaptureFixture[str], more: tuple[str, ...], said: str
 ) -> None:
     np.save(here / "d.npy", np.ones((2, 3)))
-    files = {"SHEET": "s.png", "DEPTH": "d.npy", "PHOTO": "photo.png"}
+    files = {"SHEET": "s.png", "DEPTH": "d.npy", "PHOTO": "photo.png", "OUT": "m.png"}
     given = [str(here / files[word]) if word in files else word for word in more]
     assert mix(here, "color.yaml", "photo.png", "render.png", "m.png", *given) == 2
     assert said in capsys.readouterr().err

@@ -150,3 +150,26 @@ def test_unknown_objects_are_reported_with_their_places() -> None:
 def test_an_empty_recipe_names_what_is_missing() -> None:
     found = faults("combine: []\n", "schema: wil/recipe/1\nsensors: {}\n")
     assert len(found) == 2
+
+
+@pytest.mark.parametrize(
+    ("twin", "transform", "said"),
+    [
+        ("depth", "[{resize: real}, to_points]", "step 'resize' is to be like real"),
+        ("depth", "[{camera_model: real}, to_points]", "step 'camera_model' is to be like real"),
+        (
+            "lidar",
+            "[{resample_beams: real}, to_points]",
+            "step 'resample_beams' is to be like real",
+        ),
+    ],
+)
+def test_a_step_is_not_like_a_reading_that_has_no_such_thing(
+    twin: str, transform: str, said: str
+) -> None:
+    """A cloud has no size and no beams: the flight came to ERROR by an AttributeError."""
+    head = f"schema: wil/recipe/1\nsensors: {{l: {{type: lidar_points, twin_type: {twin}}}}}\n"
+    body = combine(sensor="l", transform=transform, merge="concatenate")
+    (fault,) = faults(body, head)
+    assert f"{said}, which is a lidar_points there" in fault
+    read(body.replace(transform, "[to_points]"), head)

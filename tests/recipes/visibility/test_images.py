@@ -170,6 +170,32 @@ def test_pixels_that_a_physical_object_may_hide_do_not_count(scene: Scene) -> No
     assert (whole.is_shown, whole.offset) == (True, 0.0)
 
 
+@pytest.mark.parametrize(
+    ("hidden_from", "is_shown", "is_unexpected"),
+    [(0, True, True), (0, False, False), (85, True, False)],
+)
+def test_an_object_that_is_hidden_whole_and_shown_nevertheless_is_unexpected(
+    scene: Scene, hidden_from: int, is_shown: bool, is_unexpected: bool
+) -> None:
+    """A recipe without depth draws it through a wall of the world file."""
+    hidden = np.zeros((HEIGHT, WIDTH), np.bool_)
+    hidden[:, hidden_from:] = True
+    ids = np.where(ring(), np.uint8(GATE), np.uint8(1))
+    hidden &= ring()
+    expected = ExpectedImage(ids, drawn(ring()), hidden, STEP, hidden)
+    mixed = scene.overlaid(ring()) if is_shown else scene.real.copy()
+    pair = ImagePair(
+        t_s=1.0,
+        real_bgr=scene.real,
+        mixed_bgr=mixed,
+        expected=expected,
+        virtual=VIRTUAL,
+        limit_px=None,
+        is_like=True,
+    )
+    assert compare_images(pair).is_unexpected is is_unexpected
+
+
 @pytest.mark.parametrize("blend", [1.0, 0.5, 0.25])
 def test_a_recipe_that_changes_everything_is_searched_for_the_gate(
     scene: Scene, blend: float

@@ -85,6 +85,25 @@ def test_a_nearer_physical_surface_hides_the_wall() -> None:
     assert not wall_of(compared(truly.copy(), truly=truly)).in_view
 
 
+@pytest.mark.parametrize("knows", [False, True], ids=["measured", "in the world file too"])
+def test_a_wall_that_is_laid_over_a_nearer_real_surface_is_unexpected(knows: bool) -> None:
+    """As an overlay of scans lays it, which compares no ranges: the autonomy loses the surface."""
+    truly, world = np.where(np.arange(BEAMS) < 50, 2.0, 9.0), expected()
+    if knows:
+        world = ExpectedRanges(truly, np.full(BEAMS, 7, np.uint8), virtual=expected())
+    for mixed, is_unexpected in ((with_wall(4.0), True), (np.minimum(truly, 4.0), False)):
+        frame = compare_ranges(
+            t_s=1.0,
+            real_m=truly,
+            mixed_m=np.where(np.isfinite(expected().ranges_m), mixed, truly),
+            expected=world,
+            virtual=VIRTUAL,
+            reach_m=(0.15, 12.0),
+        )
+        assert frame.is_unexpected is is_unexpected
+        assert not wall_of(frame).in_view
+
+
 def test_a_wall_out_of_reach_is_not_in_view() -> None:
     assert not wall_of(compared(real(), far_m=3.0)).in_view
 

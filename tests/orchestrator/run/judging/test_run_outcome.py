@@ -48,6 +48,24 @@ def test_a_named_object_that_no_mixture_had_in_view_is_unseen(
 
 
 @pytest.mark.parametrize(
+    ("combinations", "unseen"),
+    [
+        ([mixture(9, 0)], ("gate",)),
+        ([mixture(9, 0), mixture(9, 0)], ("gate",)),
+        ([mixture(9, 1)], ()),
+        ([mixture(9, 0, tree=2)], ()),
+        ([mixture(9, 0, tree=0)], ("gate",)),
+        ([mixture(0, 0)], ()),
+    ],
+)
+def test_where_nothing_virtual_was_in_view_all_that_had_to_be_shown_is_unseen(
+    combinations: list[Any], unseen: tuple[str, ...]
+) -> None:
+    """The mixtures of the flight were the real images."""
+    assert _unseen(tuple(combinations), set()) == unseen
+
+
+@pytest.mark.parametrize(
     ("at_s", "goal_s", "source", "said"),
     [
         (5.0, None, "guard.fence/real", "up; the autonomy had not begun to fly"),

@@ -647,9 +647,11 @@ def test_the_watch_stays_alive_after_it_has_decided_the_run() -> None:
     assert run_virtual(run())[-1] > 19.0
 
 
-def judged(body: str, feed: Callable[[Flight], Awaitable[None]]) -> Flight:
+def judged(
+    body: str, feed: Callable[[Flight], Awaitable[None]], *, period_s: float = 0.1
+) -> Flight:
     async def run() -> Flight:
-        flight = Flight(body)
+        flight = Flight(body, period_s)
         task = asyncio.ensure_future(flight.watch.run(lambda: None))
         await feed(flight)
         task.cancel()
@@ -728,18 +730,27 @@ def test_bad_mixing_before_the_goal_spoils_nothing() -> None:
 
 
 @pytest.mark.parametrize(
-    ("stop_s", "until_s", "is_good"), [(1.0, 1.9, 0), (1.2, 1.9, 1), (1, 1.2, 1)]
+    ("stop_s", "until_s", "period_s", "is_good"),
+    [
+        (1.0, 1.9, 0.1, 0),
+        (1.2, 1.9, 0.1, 1),
+        (1, 1.2, 0.1, 1),
+        (1, 6.0, 1000, 0),
+        (1, 1.9, 1000, 1),
+    ],
 )
 def test_a_short_flight_without_a_mixture_is_invalid(
-    stop_s: float, until_s: float, is_good: int
+    stop_s: float, until_s: float, period_s: float, is_good: int
 ) -> None:
+    """`rate_hz: 0.001` of a recipe is no reason to pass without a mixture."""
+
     async def feed(flight: Flight) -> None:
         for k in range(round(stop_s * 10)):
             flight.deliver(k * 0.1)
         await goal_at(flight, 1.0, until_s)
         flight.run_state.enter("done")
 
-    found = judged(BODY, feed).reason()
+    found = judged(BODY, feed, period_s=period_s).reason()
     said = "mixing of s: no mixed reading while the goal was flown"
     assert (found and found[:2]) == (None if is_good else ("INVALID", said))
 

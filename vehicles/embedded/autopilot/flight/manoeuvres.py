@@ -24,7 +24,12 @@ _RESET_SPEED = -2.0
 
 
 class Manoeuvres(ABC):
-    """Builds the behaviours of manoeuvres; each firmware uses its own parameters."""
+    """Builds the behaviours of manoeuvres; each firmware uses its own parameters.
+
+    zero_keeps_height: whether a mission's waypoint with a height of 0 is at the present one.
+    """
+
+    zero_keeps_height = False
 
     def __init__(self, parameters: ParameterTable, state: AutopilotState) -> None:
         self._p = parameters
@@ -83,17 +88,22 @@ class Manoeuvres(ABC):
         """Return the takeoff manoeuvre to a local height."""
 
     @abstractmethod
-    def waypoint(self, position_ned_m: Vec3) -> GoToBehaviour:
-        """Return the manoeuvre to a place of a mission."""
+    def waypoint(self, position_ned_m: Vec3, *, yaw_deg: float) -> GoToBehaviour:
+        """Return the manoeuvre to a place of a mission. yaw_deg: of its item, NaN for none."""
 
-    def stay_at(self, position_ned_m: Vec3) -> GoToBehaviour:
-        """Return the manoeuvre to a place, and to stay there."""
+    def stay_at(self, position_ned_m: Vec3, *, yaw_deg: float) -> GoToBehaviour:
+        """Return the manoeuvre to a place, and to stay there. yaw_deg: as of a waypoint."""
         return GoToBehaviour(
             position_ned_m=position_ned_m,
-            yaw_rad=self._state.now.euler_rad[2],
+            yaw_rad=self.staying_yaw_rad(yaw_deg),
             speeds=self.speeds(),
             radius_m=0.0,
         )
+
+    def staying_yaw_rad(self, yaw_deg: float) -> float:
+        """Return the heading at a place to stay at, radians. yaw_deg: as of a waypoint."""
+        del yaw_deg
+        return self._state.now.euler_rad[2]
 
     def hold(self) -> HoldBehaviour:
         """Return the manoeuvre to brake and stay."""

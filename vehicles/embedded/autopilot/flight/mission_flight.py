@@ -1,5 +1,6 @@
 """Flies an uploaded mission: its items in order, with jumps and changes of speed."""
 
+import math
 from collections.abc import Callable
 from typing import NamedTuple, Protocol
 
@@ -31,6 +32,7 @@ _TO_PLACES = {
     mavlink.MAV_CMD_NAV_LOITER_TIME,
     mavlink.MAV_CMD_NAV_LOITER_TO_ALT,
 }
+_KEEP_HEIGHT = _TO_PLACES - {mavlink.MAV_CMD_NAV_LOITER_TO_ALT}
 FLOWN = {
     *_TO_PLACES,
     mavlink.MAV_CMD_NAV_TAKEOFF,
@@ -102,7 +104,7 @@ class FlyMission(GuidanceBehaviour):
         self._seq = first
         self._arrived_s: float | None = None
         self._current: GuidanceBehaviour = makers.manoeuvres.hold()
-        self._after_lift: GuidanceBehaviour | None = None
+        self._next: GuidanceBehaviour | None = None
         self._advance_to(first)
 
     @property
@@ -125,8 +127,8 @@ class FlyMission(GuidanceBehaviour):
         target = self._current.update(now, t_s)
         if not self._current.done or self.done:
             return target
-        if self._after_lift is not None:
-            self._current, self._after_lift = self._after_lift, None
+        if self._next is not None:
+            self._current, self._next = self._next, None
             return target
         if self._arrived_s is None:
             self._arrived_s = t_s
@@ -178,11 +180,32 @@ class FlyMission(GuidanceBehaviour):
         self._seq = seq
         self._events.begin_item(seq)
         item = self._items[seq]
-        self._current, self._after_lift = self._behaviour(item), None
+        self._current, self._next = self._behaviour(item), None
+        first: GuidanceBehaviour | None = None
         if item.command in _TO_PLACES:
-            lift = self._makers.lift(mission_item_position(item, self._state)[2])
-            if lift is not None:
-                self._current, self._after_lift = lift, self._current
+            first = self._makers.lift(self._position(item)[2])
+        elif isinstance(self._current, LandBehaviour) and (item.x, item.y) != (0, 0):
+            first = self._flight_to_landing(self._current, item)
+        if first is not None:
+            self._current, self._next = first, self._current
+
+    def _flight_to_landing(
+        self, landing: LandBehaviour, item: EmulatedMissionItem
+    ) -> GuidanceBehaviour:
+        """Aim a landing at its item's place; return the flight there, at the present height.
+
+        PX4's Mission::do_need_move_to_land, ArduCopter's ModeAuto::do_land.
+        """
+        north, east, _ = mission_item_position(item, self._state)
+        landing.aim(north, east)
+        down = self._state.now.position_ned_m[2]
+        return self._makers.manoeuvres.waypoint((north, east, down), yaw_deg=item.params[3])
+
+    def _position(self, item: EmulatedMissionItem) -> Vec3:
+        """Return a mission item's position, with what the firmware does for a height of zero."""
+        north, east, down = mission_item_position(item, self._state)
+        keeps = self._makers.manoeuvres.zero_keeps_height and item.command in _KEEP_HEIGHT
+        return (north, east, self._state.now.position_ned_m[2] if keeps and not item.z else down)
 
     def _execute(self, seq: int) -> int:
         """Execute a mission item that is not flown; return the index of the next one."""
@@ -209,12 +232,12 @@ class FlyMission(GuidanceBehaviour):
             return manoeuvres.land()
         if item.command == mavlink.MAV_CMD_NAV_DELAY:
             return manoeuvres.hold()
-        north, east, down = mission_item_position(item, self._state)
+        position = self._position(item)
         if item.command == mavlink.MAV_CMD_NAV_TAKEOFF:
-            return manoeuvres.take_off(down)
+            return manoeuvres.take_off(position[2])
         if item.command == mavlink.MAV_CMD_NAV_LOITER_UNLIM:
-            return manoeuvres.stay_at((north, east, down))
-        return manoeuvres.waypoint((north, east, down))
+            return manoeuvres.stay_at(position, yaw_deg=item.params[3])
+        return manoeuvres.waypoint(position, yaw_deg=_yaw_deg(item))
 
 
 def starts_with_takeoff(items: tuple[EmulatedMissionItem, ...]) -> bool:
@@ -228,10 +251,17 @@ def mission_item_position(item: EmulatedMissionItem, state: AutopilotState) -> V
     altitude_m = item.z
     if item.frame in RELATIVE_ALTITUDE_FRAMES:
         altitude_m += state.frame.altitude_m - state.home_down_m
-    north, east, down = state.frame.to_ned(item.x * 1e-7, item.y * 1e-7, altitude_m)
+    latitude_deg, longitude_deg = item.x * 1e-7, item.y * 1e-7
     if item.x == 0 and item.y == 0:
-        north, east, _ = state.now.position_ned_m
-    return (north, east, down)
+        here = state.frame.to_geodetic(state.now.position_ned_m)
+        latitude_deg, longitude_deg = here.latitude_deg, here.longitude_deg
+    return state.frame.to_ned(latitude_deg, longitude_deg, altitude_m)
+
+
+def _yaw_deg(item: EmulatedMissionItem) -> float:
+    """Return the heading that a mission item asks for, degrees; NaN for none."""
+    has_yaw = item.command != mavlink.MAV_CMD_NAV_LOITER_TO_ALT
+    return item.params[3] if has_yaw else math.nan
 
 
 def mission_stay_s(item: EmulatedMissionItem) -> float:

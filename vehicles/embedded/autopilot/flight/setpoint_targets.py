@@ -15,6 +15,7 @@ from wil_campaign.vehicles.embedded.physics.states import BodyMotion
 from wil_campaign.worlds.frames import Vec3, add, quat_from_euler, rotate
 from wil_campaign.worlds.geodesy import LocalFrame
 
+_PLACE_BITS = 0b11
 _VELOCITY_BITS = 0b111 << 3
 _YAW_BIT = 1 << 10
 _YAW_RATE_BIT = 1 << 11
@@ -46,7 +47,11 @@ def global_setpoint(message: Any, frame: LocalFrame, home_down_m: float) -> Want
     altitude_m = message.alt
     if message.coordinate_frame in RELATIVE_ALTITUDE_FRAMES:
         altitude_m += frame.altitude_m - home_down_m
-    position = frame.to_ned(message.lat_int * 1e-7, message.lon_int * 1e-7, altitude_m)
+    if message.type_mask & _PLACE_BITS:
+        # Over a place that is not given a height would be far beneath the horizon.
+        position = (math.nan, math.nan, frame.altitude_m - altitude_m)
+    else:
+        position = frame.to_ned(message.lat_int * 1e-7, message.lon_int * 1e-7, altitude_m)
     return _wanted_motion(message, position, (message.vx, message.vy, message.vz), message.yaw)
 
 

@@ -77,9 +77,21 @@ class Px4Manoeuvres(Manoeuvres):
             speeds=self.speeds(),
         )
 
-    def waypoint(self, position_ned_m: Vec3) -> GoToBehaviour:
-        """Return PX4's flight to a place of a mission."""
-        return self.go_to(position_ned_m)
+    def waypoint(self, position_ned_m: Vec3, *, yaw_deg: float) -> GoToBehaviour:
+        """Return PX4's flight to a place of a mission, with its item's heading.
+
+        Without one it faces a place beyond NAV_ACC_RAD, as MPC_YAW_MODE 0 does.
+        """
+        here, yaw_rad = self._state.now.position_ned_m, math.radians(yaw_deg)
+        north, east = position_ned_m[0] - here[0], position_ned_m[1] - here[1]
+        if not math.isfinite(yaw_rad) and math.hypot(north, east) > self._p["NAV_ACC_RAD"]:
+            yaw_rad = math.atan2(east, north)
+        return self.go_to(position_ned_m, yaw_rad=yaw_rad)
+
+    def staying_yaw_rad(self, yaw_deg: float) -> float:
+        """Return the heading of PX4's mission item, else the present one."""
+        own_rad = super().staying_yaw_rad(yaw_deg)
+        return math.radians(yaw_deg) if math.isfinite(yaw_deg) else own_rad
 
     def go_to(
         self, position_ned_m: Vec3, *, speed_m_s: float = -1.0, yaw_rad: float = math.nan

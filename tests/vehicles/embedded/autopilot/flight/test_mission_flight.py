@@ -253,6 +253,90 @@ def there(r: Any, north_m: float, east_m: float) -> tuple[float, float]:
 
 
 @BOTH
+def test_a_takeoff_without_a_place_is_reached_at_its_height(
+    rig: Any, virtually: Scenario, autopilot: str
+) -> None:
+    """Latitude and longitude of 0 are "here": a height over that place is beneath the horizon."""
+
+    async def scenario() -> None:
+        async with rig(autopilot=autopilot) as r:
+            await ready(r)
+            items = mission(
+                r, item(0, TAKEOFF, 0, z=3.0), item(0, WAYPOINT, 0, z=3.0, **at(r, 8, 0))
+            )
+            assert await upload(r, 0, items) == 0
+            await begin(r)
+            await r.until(lambda: len(r.of("MISSION_ITEM_REACHED")) == 1)
+            assert r.height_m > 2.0
+
+    virtually(scenario())
+
+
+@BOTH
+def test_a_landing_with_a_place_is_there(rig: Any, virtually: Scenario, autopilot: str) -> None:
+    """PX4 and ArduCopter fly to the place of a LAND at their height, and land there."""
+
+    async def scenario() -> None:
+        async with rig(autopilot=autopilot) as r:
+            await ready(r)
+            items = mission(
+                r,
+                item(0, TAKEOFF, 0, z=3.0),
+                item(0, WAYPOINT, 0, z=3.0, **at(r, 4.0, 0.0)),
+                item(0, LAND, 0, **at(r, 4.0, 6.0)),
+            )
+            assert await upload(r, 0, items) == 0
+            await begin(r)
+            await r.until(lambda: math.hypot(*there(r, 4.0, 6.0)) < 2.5)
+            assert r.height_m > 2.0, "first there, then down"
+            await r.until(lambda: not r.armed)
+            assert math.hypot(*there(r, 4.0, 6.0)) < 0.5
+            assert [m.seq for m in r.of("MISSION_ITEM_REACHED")][-1] == len(items) - 1
+
+    virtually(scenario())
+
+
+def test_arducopter_keeps_its_height_at_a_waypoint_with_a_height_of_zero(
+    rig: Any, virtually: Scenario
+) -> None:
+    """LOITER_TIME at 0, 0, 0 is "stay here" (ModeAuto::loc_from_cmd): it flew into the ground."""
+
+    async def scenario() -> None:
+        async with rig(autopilot="ardupilot") as r:
+            await ready(r)
+            stay = item(0, mavlink.MAV_CMD_NAV_LOITER_TIME, 0, params=(5.0, 0.0, 0.0, 0.0))
+            await upload(r, 0, mission(r, item(0, TAKEOFF, 0, z=3.0), stay, item(0, LAND, 0)))
+            await begin(r)
+            await r.until(lambda: 2 in [m.seq for m in r.of("MISSION_ITEM_REACHED")])
+            assert r.height_m == pytest.approx(3.0, abs=0.5)
+            await r.until(lambda: not r.armed)
+
+    virtually(scenario())
+
+
+@pytest.mark.parametrize(
+    ("yaw_deg", "east_m", "headed_deg"),
+    [(120.0, 6.0, 120.0), (math.nan, 6.0, 0.0), (math.nan, 30.0, 90.0)],
+)
+def test_px4_has_the_heading_of_its_waypoint(
+    rig: Any, virtually: Scenario, yaw_deg: float, east_m: float, headed_deg: float
+) -> None:
+    """Without one it turns to a place beyond NAV_ACC_RAD (FlightTaskAuto), MPC_YAW_MODE 0."""
+
+    async def scenario() -> None:
+        async with rig(autopilot="px4") as r:
+            await ready(r)
+            way = item(0, WAYPOINT, 0, z=3.0, params=(0.0, 0.0, 0.0, yaw_deg), **at(r, 0.0, east_m))
+            assert await upload(r, 0, mission(r, item(0, TAKEOFF, 0, z=3.0), way)) == 0
+            await begin(r)
+            await r.until(lambda: len(r.of("MISSION_ITEM_REACHED")) == 2)
+            headed = math.degrees(r.vehicle.truth().pose.yaw_rad)
+            assert headed == pytest.approx(headed_deg, abs=8.0)
+
+    virtually(scenario())
+
+
+@BOTH
 def test_a_mission_that_is_uploaded_in_flight_does_not_change_the_one_that_is_flown(
     rig: Any, virtually: Scenario, autopilot: str
 ) -> None:

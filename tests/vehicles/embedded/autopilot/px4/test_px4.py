@@ -279,6 +279,30 @@ def test_flies_the_setpoints_of_offboard(rig: Any, virtually: Scenario) -> None:
     virtually(scenario())
 
 
+def test_a_height_above_home_counts_where_the_place_is_ignored(
+    rig: Any, virtually: Scenario
+) -> None:
+    """Whose latitude and longitude are 0: a height over there lies beneath the horizon."""
+
+    async def scenario() -> None:
+        async with px4(rig) as r:
+            await r.hover()
+            ignores_place_and_climb = 0b0000_1001_1110_0011
+            for turn in range(60):
+                if turn == 3:
+                    assert await r.command(176, 1, 6) == 0
+                r.send(
+                    mavlink.MAVLink_set_position_target_global_int_message(
+                        0, 1, 1, 6, ignores_place_and_climb, 0, 0, 4.0, 0.5, *(0.0,) * 7
+                    )
+                )
+                await asyncio.sleep(0.1)
+            assert r.height_m == pytest.approx(4.0, abs=0.3)
+            assert r.vehicle.truth().velocity_ned_m_s[0] == pytest.approx(0.5, abs=0.15)
+
+    virtually(scenario())
+
+
 def test_never_ready_and_refusal_are_faults_of_the_configuration(
     rig: Any, virtually: Scenario
 ) -> None:
