@@ -417,9 +417,9 @@ class GuardCore:
         lands = self.latched is not None or supervised.contingency.started
         if lands or self.paused:
             seen = supervised.seen
-            # Holding vehicles may get another fence; that moves none of them. One that lands, or that
-            # a pilot flies, keeps its failsafes, its return altitude and its fence until it is
-            # disarmed; then it gets back what it had before the run.
+            # Holding vehicles may get another fence; that moves none of them. One that lands, or
+            # that a pilot flies, keeps its failsafes, its return altitude and its fence until it
+            # is disarmed; then it gets back what it had before the run.
             still = not lands or not seen.may_be_armed(t_s)
             return is_harmless_frame(frame, configures=still)
         if frame.message_id not in _COMMANDS:
