@@ -16,6 +16,8 @@ from wil_campaign.worlds.frames import Quat, angle_between, norm, subtract
 _SPAN_S = 0.6
 """Over at least this time turns are compared: a wrong attitude for two thirds of it is noticed."""
 _LONGEST_S = 1.0
+_EVERY_S = 0.1
+"""Turns are compared so often: it takes a scan of the kept poses."""
 _KEPT_S = 3.0
 _STAMPS_S = 0.2
 """By how much the times of two sources may differ: an estimate's attitude may come at 5 Hz."""
@@ -47,12 +49,14 @@ class TurnAgreement:
         self._judged: deque[_At] = deque()
         self._waiting: deque[ReferenceSample] = deque()
         self._before: dict[str, deque[_At]] = {}
+        self._due_s: dict[str, float] = {}
 
     def restart(self) -> None:
         """Reset the comparison: its window starts now."""
         self._judged.clear()
         self._waiting.clear()
         self._before.clear()
+        self._due_s.clear()
 
     def pose(self, sample: PoseSample) -> Disagreement | None:
         """Add a judged pose; return a disagreement with a reference of its time, or None."""
@@ -66,7 +70,10 @@ class TurnAgreement:
 
     def reference(self, sample: ReferenceSample) -> None:
         """Add another source's pose of the vehicle."""
-        if sample.q_wxyz is not None and sample.source in self._references:
+        if sample.q_wxyz is None or sample.source not in self._references:
+            return
+        if sample.t_s >= self._due_s.get(sample.source, -math.inf):
+            self._due_s[sample.source] = sample.t_s + _EVERY_S
             self._waiting.append(sample)
 
     def _compare(self, reference: ReferenceSample) -> Disagreement | None:

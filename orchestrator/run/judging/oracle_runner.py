@@ -61,11 +61,9 @@ class JudgedTimes:
 
     def is_due(self, t_s: float, place_ned_m: Vec3) -> bool:
         """Return whether the pose of a time is to be judged; if so, the next one is due later."""
-        before_m = self._place_m
-        leaps = before_m is not None and norm(subtract(place_ned_m, before_m)) > _LEAP_M
         if t_s >= self._due_s - _EARLY_S:
             self._due_s = max(self._due_s, t_s - _EARLY_S) + _EVERY_S
-        elif not leaps:
+        elif self._place_m is None or norm(subtract(place_ned_m, self._place_m)) <= _LEAP_M:
             return False
         self._place_m = place_ned_m
         return True
