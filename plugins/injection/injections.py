@@ -181,7 +181,7 @@ class Injections(Observer):
     def tasks(self, run_state: RunState, /) -> Iterator[tuple[str, Coroutine[Any, Any, None]]]:
         """Yield what injects places of objects, and what watches that the autopilots act on it."""
         for name, injector in self._injectors.items():
-            yield f"standing by for {name}", injector.stand_by()
+            yield f"standing by for {name}", injector.stand_by(run_state)
             yield f"injection into {name}", injector.run()
         if self._injectors:
             yield "injection watch", self._watch(run_state)

@@ -14,6 +14,7 @@ from types import MappingProxyType
 from typing import Any
 
 from wil_campaign.orchestrator.run_results.result_parts import InjectedResult
+from wil_campaign.orchestrator.state.run_state import RunState
 from wil_campaign.orchestrator.state.vehicle_context import VehicleContext
 from wil_campaign.plugins.injection.injection_setups import InjectionSetup
 from wil_campaign.plugins.injection.pose_messages import (
@@ -176,12 +177,14 @@ class Injector:
             if injection.sensor is None:
                 self._offer_pose(injection, reading)
 
-    async def stand_by(self) -> None:
+    async def stand_by(self, run_state: RunState) -> None:
         """Send that range sensors have measured nothing yet, until the first mixed reading.
 
         There is none before the takeoff, and an ArduCopter that is to listen to a sensor does not
-        arm while it is silent: "PreArm: PRX1: No Data" (AP_Proximity::prearm_healthy).
+        arm while it is silent: "PreArm: PRX1: No Data" (AP_Proximity::prearm_healthy). Nothing is
+        sent to a vehicle that is not identified.
         """
+        await run_state.reaching("ready")
         while silent := [one for one in self._injections if self._is_silent(one)]:
             now_s = asyncio.get_running_loop().time()
             for one in silent:
