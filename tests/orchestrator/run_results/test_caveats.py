@@ -86,10 +86,11 @@ def test_a_vehicle_that_kept_the_parameters_of_its_run_is_named() -> None:
     def step(restored: bool | None) -> ArmingStep:
         return ArmingStep("parameters", "real", 1.0, True, "RTL_ALT 172", restored=restored)
 
-    runs = [run(1, before_arming=(step(True),)), run(2, before_arming=(step(False), step(False)))]
+    left = (step(False), step(False))
+    runs = [run(1, before_arming=(step(True),)), *(run(n, before_arming=left) for n in (2, 3))]
     text = "real kept those of its run, until the next start restores them"
     assert campaign_caveats(runs) == [
-        f"parameters or fence not restored: {text} (large wil, 1 run)"
+        f"parameters or fence not restored: {text} (large wil, 2 runs)"
     ]
 
 

@@ -69,6 +69,13 @@ def test_an_autopilot_that_would_not_listen_is_not_even_armed(fly_run: Fly) -> N
     assert all(row["armed"] == "0" for row in rows_of(folder))
 
 
+def test_an_arducopter_whose_range_sensor_is_silent_is_not_ready(fly_run: Fly) -> None:
+    result, _ = flown(fly_run, "inject={}", mode="sim")
+    assert result.verdict == "ERROR"
+    assert "pre-arm checks have not passed" in result.reason
+    assert "PreArm: PRX1: No Data" in result.reason
+
+
 @pytest.mark.parametrize(
     ("autopilot", "parameter"), [("px4", "EKF2_EV_CTRL"), ("ardupilot", "VISO_TYPE")]
 )
