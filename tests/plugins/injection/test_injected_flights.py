@@ -21,7 +21,7 @@ def flown(
 
 
 def messages(log: Path) -> Counter[tuple[str, int]]:
-    """Return how many messages of whom a .tlog holds."""
+    """Return how many messages of whom a .tlog holds, in the order of the first ones."""
     link: Any = mavutil.mavlink_connection(str(log))
     found: Counter[tuple[str, int]] = Counter()
     while (message := link.recv_match()) is not None:
@@ -42,7 +42,10 @@ def test_the_real_autopilot_stops_before_a_wall_that_is_not_there_and_again(fly_
     farthest_m = farthest_north_m(folder, "real")
     # Ten seconds at 1 m/s would end behind the wall at 4.9 m; AVOID_MARGIN is 1.5 m.
     assert 3.2 < farthest_m < 3.6
-    assert messages(folder / "real.tlog")["OBSTACLE_DISTANCE", 245] > 100
+    sent = messages(folder / "real.tlog")
+    assert sent["OBSTACLE_DISTANCE", 245] > 100
+    order = list(sent)
+    assert order.index(("AUTOPILOT_VERSION", 1)) < order.index(("OBSTACLE_DISTANCE", 245))
     assert result.outside is not None
     assert {one.vehicle for one in result.outside.injected} == {"real", "twin"}
     assert all(one.sent > 100 and one.stale == 0 for one in result.outside.injected)

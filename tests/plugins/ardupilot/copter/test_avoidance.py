@@ -47,6 +47,13 @@ def test_it_slows_towards_a_wall_and_flies_away_from_it() -> None:
     assert stop.limited((-2.0, 0.0, 0.0), 0.0, 10.1) == (-2.0, 0.0, 0.0)
 
 
+def test_beside_a_face_without_a_distance_the_boundary_is_a_cup() -> None:
+    stop = avoidance()
+    stop.obstacle_distance(ring({0: 1.5}), 10.0)
+    north, east, _ = stop.limited((2.0, 2.0, 0.0), 0.0, 10.1)
+    assert (north + east) / math.sqrt(2.0) <= 1.5 * EDGE - 1.0 + 1e-9
+
+
 def test_a_distance_is_filtered_as_prx_filt_says() -> None:
     """A first-order filter: after 0.1 s 0.1 / (0.1 + 1 / (2 pi 0.25 Hz)) of a step."""
     for cutoff_hz, share in ((0.25, 0.1 / (0.1 + 2.0 / math.pi)), (0.0, 1.0)):
