@@ -1,5 +1,6 @@
 """The settings of a standalone embedded vehicle, for use by other programs."""
 
+import math
 import time
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -50,11 +51,16 @@ def standalone_settings(
         full_streams=True,
         speed=speed,
         running_s=running_s,
-        boot_unix_us=time.time_ns() // 1000 - round(running_s * 1e6),
+        boot_unix_us=time.time_ns() // 1000 - _microseconds(running_s),
         end_with_parent=False,
         faults=tuple(str(parse_fault(text)) for text in faults),
     )
     return settings if world is None else _in_world(settings, world)
+
+
+def _microseconds(running_s: float) -> int:
+    """Return a time in microseconds; 0 for one that the settings refuse by name."""
+    return round(running_s * 1e6) if math.isfinite(running_s) else 0
 
 
 def check_parameter(autopilot: str, name: str) -> None:

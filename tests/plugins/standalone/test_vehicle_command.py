@@ -37,6 +37,8 @@ def flown(monkeypatch: pytest.MonkeyPatch) -> list[ProcessSettings]:
         (("--param", "MIS_TAKEOFF_ALT"), "must be NAME=VALUE with a number"),
         (("--profile", "caeg"), "no profile 'caeg'"),
         (("--speed", "0"), "--speed: "),
+        (("--running", "nan"), "--running: "),
+        (("--seed", "-1"), "--seed: "),
         (("--running", "-1"), "--running: "),
         (("--system-id", "300"), "--system-id: "),
         (("--link", "udp:14550"), "udp:14550"),

@@ -48,7 +48,7 @@ class ProcessSettings(_Part):
 
     autopilot: str
     link: str
-    seed: int
+    seed: int = Field(ge=0)
     physics: Physics = "jsbsim"
     profile: str = "nominal"
     source: Literal["real", "twin"] = "real"
