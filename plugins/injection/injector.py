@@ -178,24 +178,21 @@ class Injector:
                 self._offer_pose(injection, reading)
 
     async def stand_by(self, run_state: RunState) -> None:
-        """Send that range sensors have measured nothing yet, until the first mixed reading.
+        """Send that range sensors have measured nothing yet, until the takeoff.
 
-        There is none before the takeoff, and an ArduCopter that is to listen to a sensor does not
-        arm while it is silent: "PreArm: PRX1: No Data" (AP_Proximity::prearm_healthy). Nothing is
-        sent to a vehicle that is not identified.
+        It begins once the vehicle is identified. Mixed readings begin with the takeoff, and an
+        ArduCopter that is to listen to a sensor does not arm while it is silent: "PreArm: PRX1: No
+        Data" (AP_Proximity::prearm_healthy). In flight a feed that is dead has to look so.
         """
+        of_ranges = [one for one in self._injections if one.thing in _OF_RANGES]
         await run_state.reaching("ready")
-        while silent := [one for one in self._injections if self._is_silent(one)]:
+        while of_ranges and not run_state.reached("takeoff"):
             now_s = asyncio.get_running_loop().time()
-            for one in silent:
+            for one in of_ranges:
                 beams = self._mounts if one.thing == "distance_sensor" else {}
                 message = nothing_measured(beams.get(one.sensor or ""), now_s)
                 self._context.driver.send_message(message)
             await asyncio.sleep(_STAND_BY_S)
-
-    def _is_silent(self, one: InjectionSetup) -> bool:
-        """Return whether an injection is of a range sensor that has not been mixed yet."""
-        return one.thing in _OF_RANGES and (one.thing, "") not in self._paced
 
     async def run(self) -> None:
         """Inject messages about object positions until cancelled."""

@@ -11,6 +11,7 @@ import pytest
 from tests.orchestrator.external.rigs import FakeDriver, FakeStation
 from wil_campaign.foundation.clocks.virtual_loop import run_virtual
 from wil_campaign.foundation.files.documents import parse_document
+from wil_campaign.orchestrator.state.run_state import RunState
 from wil_campaign.orchestrator.state.vehicle_context import VehicleContext
 from wil_campaign.plugins.injection.injection_setups import InjectionSetup
 from wil_campaign.plugins.injection.injector import Injector, ScenePoses
@@ -100,6 +101,26 @@ def test_a_scan_goes_out_at_its_rate_and_only_to_its_vehicle() -> None:
         0,
     )
     assert other.injections == ()
+
+
+def test_a_range_sensor_stands_by_until_the_takeoff_and_no_dead_one_in_flight() -> None:
+    async def wait() -> list[int]:
+        real, run_state = FakeStation(), RunState(time=asyncio.get_running_loop().time)
+        setup = InjectionSetup(thing="obstacle_distance", to=("real",), sensor="lidar")
+        standing = asyncio.create_task(injector(real, setup).stand_by(run_state))
+        sent = []
+        for stage in ("identify", "ready", "arm", "takeoff", "goal"):
+            run_state.enter(stage)
+            await asyncio.sleep(1.05)
+            sent.append(len(real.driver.told))
+        assert standing.done()
+        assert set(names(real)) == {"OBSTACLE_DISTANCE"}
+        assert {cm for message in real.driver.told for cm in message.distances} == {65_535}
+        return sent
+
+    sent = run_virtual(wait())
+    assert sent[0] == 0
+    assert 0 < sent[1] < sent[2] == sent[3] == sent[4]
 
 
 def test_a_rate_of_the_campaign_wins() -> None:
