@@ -40,7 +40,7 @@ _GPS_M = 5.0
 twice that of its receiver."""
 _TURNED_DEG = 15.0
 """The largest error of a compass beside motors, and of who puts a vehicle down."""
-_NO_RECEIVER = "it has no GPS receiver; set preflight.gps: null where it flies without one"
+_NO_RECEIVER = "it has no GPS receiver; say gps: false of a vehicle that flies without one"
 _LEAST_TRUTH = 0.5
 """The least accepted part of the requested rate of a simulator's ground truth."""
 Outcome = Literal["ok", "refused", "overridden"]

@@ -5,6 +5,7 @@ from typing import Annotated, Literal, Self
 from pydantic import AfterValidator, Field, model_validator
 
 from wil_campaign.campaigns.schema.vehicles import (
+    EMBEDDED_GPS,
     AnyLaunch,
     AutopilotName,
     ParameterName,
@@ -57,7 +58,7 @@ class ActorPart(Part):
     attached one. max_offset_m: largest distance from its path, beyond which the run is INVALID.
     max_delay_s: how long before, at most, the motion was where it is: how late it left the
     ground, and how far it has fallen behind since. max_silence_s: longest time without a
-    position.
+    position. gps: as a vehicle's of the pair.
     """
 
     link: Annotated[str, AfterValidator(require_vehicle_link)] | AnyLaunch
@@ -74,6 +75,7 @@ class ActorPart(Part):
     max_offset_m: Annotated[float, Field(gt=0, le=100)] = 0.5
     max_delay_s: Annotated[float, Field(gt=0, le=600)] = 4.0
     max_silence_s: Annotated[float, Field(gt=0, le=3)] = 0.5
+    gps: bool = True
 
     @model_validator(mode="after")
     def _possible(self) -> Self:
@@ -85,6 +87,8 @@ class ActorPart(Part):
         elif self.geofence is None:
             message = "an attached actor may be hardware and needs a `geofence` of its own"
             raise KeyFaultError("link", message)
+        if self.link == "embedded" and not self.gps:
+            raise KeyFaultError("gps", EMBEDDED_GPS)
         if self.telemetry.max_gap_s is not None:
             message = "has no effect on an actor; write max_silence_s"
             raise KeyFaultError(("telemetry", "max_gap_s"), message)

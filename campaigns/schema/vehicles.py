@@ -68,6 +68,7 @@ AutopilotName = Annotated[
     str, AfterValidator(_one_of(autopilots)), Field(json_schema_extra=_enum_of(autopilots))
 ]
 Speedup = Pace
+EMBEDDED_GPS = "the embedded vehicle flies by GPS; remove it"
 
 
 class StartPart(Part):
@@ -217,7 +218,8 @@ class VehiclePart(Part):
     vehicle, used when those before them fall silent. coupling: of the twin, how it follows the
     real vehicle in mode wil. body: the one by which the vehicle is judged; by default that of
     the embedded vehicle. permit_dead_reckoning: whether the flight goes on, with a caveat,
-    where the estimator loses what held its position at arming.
+    where the estimator loses what held its position at arming. gps: false of a vehicle that flies
+    without: its estimator gets the world's origin where it has none, until it reboots.
     """
 
     link: Annotated[str, AfterValidator(require_vehicle_link)] | AnyLaunch
@@ -239,11 +241,12 @@ class VehiclePart(Part):
     sensors: dict[str, SensorPart] = Field(default_factory=dict)
     coupling: Coupling = "follow"
     permit_dead_reckoning: bool = False
+    gps: bool = True
 
     @model_validator(mode="after")
     def _possible(self) -> Self:
-        if self.link == "embedded" and self.signing is not None:
-            raise KeyFaultError("signing", "the embedded vehicle does not sign")
+        if self.link == "embedded":
+            self._refuse_of_embedded()
         if self.mocap is not None and self.pose_source != "mocap":
             raise KeyFaultError("mocap", f"is not used with pose_source: {self.poses_from}")
         accuracy = self.pose_accuracy
@@ -269,6 +272,12 @@ class VehiclePart(Part):
         if launched not in {None, self.autopilot}:
             raise KeyFaultError("autopilot", f"the link launches {launched}")
         return self
+
+    def _refuse_of_embedded(self) -> None:
+        if self.signing is not None:
+            raise KeyFaultError("signing", "the embedded vehicle does not sign")
+        if not self.gps:
+            raise KeyFaultError("gps", EMBEDDED_GPS)
 
     def _without_mocap(self) -> str:
         """Return why a vehicle has no motion capture, and what to write instead."""

@@ -120,6 +120,7 @@ def actor_setups(
             params=dict(part.params),
             signing=key_source_of(file, part.signing),
             rates=rates,
+            has_gps=part.gps,
             motion=thing.motion,
             max_offset_m=part.max_offset_m,
             max_delay_s=part.max_delay_s,

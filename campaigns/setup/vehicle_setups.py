@@ -86,7 +86,7 @@ class FlownSetup:
     parameters by name. start: where it stands, world frame. signing: the source of its key.
     rates: of telemetry, as its slowest radio carries them. spares: further links of an attached
     one. permits_dead_reckoning: whether its flight goes on where nothing holds its position any
-    more.
+    more. has_gps: otherwise its estimator gets the world's origin where it has none.
     """
 
     name: str
@@ -103,6 +103,7 @@ class FlownSetup:
     rates: TelemetryRates = field(default_factory=TelemetryRates)
     spares: tuple[LinkAddress, ...] = ()
     permits_dead_reckoning: bool = False
+    has_gps: bool = True
 
     @property
     def path(self) -> KeyPath:
@@ -226,6 +227,7 @@ def _vehicle(
         spares=tuple(parse_link(spare_link) for spare_link in part.spare_links),
         coupling=part.coupling,
         permits_dead_reckoning=part.permit_dead_reckoning,
+        has_gps=part.gps,
         body=EMBEDDED_BODY if part.body is None else part.body.shape(),
     )
 

@@ -50,7 +50,9 @@ def odometry_message(
     """Return a pose and velocity as ODOMETRY (331).
 
     Child frame BODY_FRD. ArduPilot accepts only frame LOCAL_FRD, with forward as north; for PX4
-    LOCAL_FRD is a frame of unknown heading, so it gets LOCAL_NED. The numbers are the same. Raises
+    LOCAL_FRD is a frame of unknown heading, so it gets LOCAL_NED. The numbers are the same. Of
+    motion capture, too, it says "vision": PX4's EKF2 takes no other kind of estimator
+    (mavlink_receiver.cpp gives MAV_ESTIMATOR_TYPE_MOCAP to a topic that only LPE reads). Raises
     ValueError without a velocity for ArduPilot, which would use the field anyway.
     """
     velocity = reading.velocity_ned_m_s
@@ -71,7 +73,7 @@ def odometry_message(
         pose_covariance=_covariance(spread),
         velocity_covariance=_velocity_covariance(spread),
         reset_counter=0,
-        estimator_type=mavlink.MAV_ESTIMATOR_TYPE_MOCAP,
+        estimator_type=mavlink.MAV_ESTIMATOR_TYPE_VISION,
         quality=100,
     )
 

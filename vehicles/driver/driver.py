@@ -55,7 +55,7 @@ from wil_campaign.vehicles.mavlink.heartbeats import HeartbeatKind
 from wil_campaign.vehicles.poses.anchor import Anchor
 from wil_campaign.vehicles.setpoints import Setpoint
 from wil_campaign.worlds.frames import Pose, Vec3
-from wil_campaign.worlds.geodesy import Geodetic
+from wil_campaign.worlds.geodesy import Geodetic, LocalFrame
 
 _REQUEST_AGAIN_S = 2.0
 _GROUND_SPEED_HZ = 2.0
@@ -75,7 +75,8 @@ class Driver:
 
     system_id: the vehicle's; None for the first vehicle that is received. start: its pose in the
     world on the ground; unless `set_anchor` is called, arming maps the position and heading of its
-    estimator to this pose. silence_s: how long nothing is received until the link counts as lost.
+    estimator to this pose. earth: the origin for an estimator without GPS that has none; None for
+    a vehicle with GPS. silence_s: how long nothing is received until the link counts as lost.
     max_clock_drift: see ClockMap. backend: None for our own frames. Errors are VehicleErrors.
     """
 
@@ -87,6 +88,7 @@ class Driver:
         autopilot: str = "auto",
         system_id: int | None = None,
         start: Pose = Pose((0.0, 0.0, 0.0)),  # noqa: B008 - frozen
+        earth: LocalFrame | None = None,
         rates: TelemetryRates = TelemetryRates(),  # noqa: B008 - frozen
         own_system_id: int = 245,
         own_component: int = 190,
@@ -99,6 +101,7 @@ class Driver:
         self._link = self._backend.join(link)
         self._wanted = WantedVehicle(None if autopilot == "auto" else autopilot, system_id)
         self._start = start
+        self._earth = earth
         gps_hz = min(_GROUND_SPEED_HZ, rates.position_hz)
         self._rates = replace(rates, ground_speed_hz=gps_hz)  # a fix that is lost is a fault
         self._anchor_given = False
@@ -333,6 +336,7 @@ class Driver:
             ),
             estimates=self._estimates,
             clock=self.clock,
+            earth=self._earth,
         )
         for kind, t_s in self._session.others.items():
             self._report_other(kind, t_s)

@@ -101,6 +101,7 @@ class EstimatePairing:
         return None
 
 
+NO_PLACE_REMEDY = "wait for its GPS, or say gps: false of it if it flies without"
 _POSITION: Struct = mavlink.MAVLink_local_position_ned_message.unpacker
 _QUATERNION: Struct = mavlink.MAVLink_attitude_quaternion_message.unpacker
 """Both payloads have their fields in the order of their definition, time_boot_ms first."""
@@ -175,7 +176,7 @@ class Estimates:
             lacks = "is not anchored" if self._anchor is None else "has sent no GLOBAL_POSITION_INT"
             raise AnchorError(
                 f"{self._session.link.name}: positions cannot be converted to latitude and "
-                f"longitude: the vehicle {lacks}; wait for its GPS, or set its estimator's origin"
+                f"longitude: the vehicle {lacks}; {NO_PLACE_REMEDY}"
             )
         frame, local = self._here
         wanted = self._anchor.position_to_local(world_ned_m)

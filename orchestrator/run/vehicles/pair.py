@@ -114,6 +114,7 @@ def _vehicle_context(setup: RunSetup, vehicle: FlownSetup, link: TappedLink) -> 
         autopilot=vehicle.autopilot,
         system_id=vehicle.system_id,
         start=vehicle.start,
+        earth=None if vehicle.has_gps else setup.case.world.frame,
         rates=vehicle.rates,
         backend=command_backend_of(vehicle.driver, name=vehicle.name),
         max_clock_drift=_clock_drift(setup, vehicle),

@@ -166,7 +166,7 @@ class PreflightChecks:
         is_judged_by_truth = context.pose_source == "simulator"
         has_truth = is_judged_by_truth and self._setup.flown(name).requests_truth
         truth = (self._truth_item(context),) if has_truth else ()
-        if wanted.gps is None:
+        if wanted.gps is None or not self._setup.flown(name).has_gps:
             return truth
         fix = await context.driver.onboard.gps_receiver.fix(_FIX_WITHIN_S)
         gps = gps_items(

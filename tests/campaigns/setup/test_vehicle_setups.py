@@ -221,6 +221,17 @@ def test_the_embedded_vehicle_does_not_sign(files: Any) -> None:
     assert "the embedded vehicle does not sign" in fault
 
 
+def test_a_vehicle_without_gps(files: Any) -> None:
+    outside(files, "udpin://0.0.0.0:14540", "pose_source: mavlink", "gps: false")
+    assert not real(files).has_gps
+
+
+def test_the_embedded_vehicle_has_gps(files: Any) -> None:
+    files.change("    profile: cage\n", "    profile: cage\n    gps: false\n")
+    (fault,) = files.faults()
+    assert "the embedded vehicle flies by GPS; remove it" in fault
+
+
 def test_parameters_that_the_embedded_autopilot_does_not_have(files: Any) -> None:
     files.change("    profile: cage\n", "    profile: cage\n    params: {COM_OF_LOST_T: 2}\n")
     (fault,) = files.faults()

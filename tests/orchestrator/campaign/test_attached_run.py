@@ -128,6 +128,7 @@ async def test_no_arm_tries_everything_and_arms_nothing(tmp_path: Path) -> None:
         vehicles__real__link=f"tcpout://127.0.0.1:{port}",
         vehicles__real__pose_source="mavlink",
         vehicles__twin__link=f"{{launch: px4, build: {build}}}",
+        vehicles__twin__gps="false",
         preflight__failsafe="set",
     )
     arguments = ("--mode", "wil", "--json", "--no-arm", *sets)
@@ -144,6 +145,9 @@ async def test_no_arm_tries_everything_and_arms_nothing(tmp_path: Path) -> None:
     events = lines(one.run_folder() / "log.jsonl")
     assert not [line for line in events if line.get("kind") == "armed"]
     assert {line["vehicle"] for line in events if line["event"] == "fence"} == {"real", "twin"}
+    checks = {(line["check"], line["vehicle"]) for line in events if line["event"] == "preflight"}
+    assert ("gps", "real") in checks
+    assert ("gps", "twin") not in checks
 
 
 @pytest.mark.no_turn("flies nothing")

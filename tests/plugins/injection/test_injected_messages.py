@@ -202,6 +202,8 @@ def test_odometry_has_the_frame_that_each_takes(autopilot: Any, frame: int) -> N
     assert message.q == pytest.approx(EAST.q_wxyz)
     # It flies east and looks east: forward.
     assert (message.vx, message.vy, message.vz) == pytest.approx((1.0, 0.0, 0.25))
+    # PX4's EKF2 takes no odometry of MAV_ESTIMATOR_TYPE_MOCAP; ArduPilot does not look.
+    assert message.estimator_type == mavlink.MAV_ESTIMATOR_TYPE_VISION
 
 
 def test_odometry_without_a_velocity_is_refused_for_ardupilot_alone() -> None:

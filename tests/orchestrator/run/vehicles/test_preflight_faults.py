@@ -108,7 +108,7 @@ def test_an_estimator_that_gives_up(
 @pytest.mark.parametrize(
     ("built", "said"),
     [
-        (gps_of(0, 255, 65535), "it has no GPS receiver; set preflight.gps: null"),
+        (gps_of(0, 255, 65535), "it has no GPS receiver; say gps: false of a vehicle"),
         (gps_of(2, 9, 90), "it has no 3D fix"),
         (gps_of(3, 5, 90), "the number of visible satellites is 5, and at least 6 is required"),
         (gps_of(3, 255, 90), "the number of visible satellites is not known"),
