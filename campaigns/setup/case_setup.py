@@ -87,6 +87,10 @@ class ObserverSetup:
         """Yield what is wrong with a case in one mode. _setup: of the whole case."""
         yield from ()
 
+    def on_the_way_back(self) -> "ObserverSetup | None":
+        """Return what a flight back to the start needs, which mixes nothing; None for nothing."""
+        return None
+
     def needing_wall_clock(self) -> Iterator[tuple[Path, str]]:
         """Yield sockets and devices, shared by all runs: the path in the campaign, the name."""
         yield from ()

@@ -1,7 +1,7 @@
 """The setups of injections, and their checks against campaign, world and vehicles; pure."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 from wil_campaign.campaigns.checks.place_checks import judged_world
@@ -21,13 +21,18 @@ Injected = Literal[
     "odometry",
 ]
 
+_SENSOR_OF = {"obstacle_distance": "lidar", "distance_sensor": "rangefinder"}
+"""The type of sensor from which an injected message is made."""
+_POSES = frozenset({"vision_position_estimate", "odometry"})
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class InjectionSetup:
     """An injection: a MAVLink message that is sent to the autopilots from outside.
 
     sensor: whose mixed readings it is made of; objects: whose places it is made of. to: the
-    vehicles that receive it. rate_hz: None for the default of the autopilot.
+    vehicles that receive it. rate_hz: None for the default of the autopilot. A range sensor without
+    `sensor` only stands by: it says until the takeoff that nothing is known.
     """
 
     thing: Injected
@@ -35,6 +40,21 @@ class InjectionSetup:
     sensor: str | None = None
     objects: tuple[str, ...] = ()
     rate_hz: float | None = None
+
+    @property
+    def only_stands_by(self) -> bool:
+        """Return whether it never has a reading to inject, so that nothing acts on it."""
+        return self.thing in _SENSOR_OF and self.sensor is None
+
+    def on_the_way_back(self) -> Iterator["InjectionSetup"]:
+        """Yield what a flight back needs of it: poses, and that a lidar stands by.
+
+        Without either an autopilot that listens to it does not arm. Nothing virtual is in the way.
+        """
+        if self.thing == "obstacle_distance":
+            yield replace(self, sensor=None)
+        elif self.thing in _POSES and self.sensor is None:
+            yield self
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,15 +68,15 @@ class InjectionSetups(ObserverSetup):
         """Return True: autopilots get what is mixed."""
         return True
 
+    def on_the_way_back(self) -> "InjectionSetups | None":
+        """Return the injections that a vehicle flies back by; None for none."""
+        kept = tuple(back for one in self.injections for back in one.on_the_way_back())
+        return InjectionSetups(kept) if kept else None
+
     def problems(self, files: CaseFiles, case: Case, mode: Mode, /) -> Iterator[Problem]:
         """Yield the problems of one mode's injections."""
         for injection in self.injections:
             yield from _injection(files, case, mode, injection)
-
-
-_SENSOR_OF = {"obstacle_distance": "lidar", "distance_sensor": "rangefinder"}
-"""The type of sensor from which an injected message is made."""
-_POSES = frozenset({"vision_position_estimate", "odometry"})
 
 
 def _injection(

@@ -80,7 +80,7 @@ async def prove_injection(
     for context in contexts:
         vehicle = vehicles[context.name]
         for injection in requested:
-            if context.name not in injection.to:
+            if context.name not in injection.to or injection.only_stands_by:
                 continue
             thing = injected_message_name(injection.thing, _mount(vehicle, injection.sensor))
             proof = await _read_parameters(context, vehicle.autopilot, thing)

@@ -22,7 +22,9 @@ def return_setup(setup: RunSetup, path: ReturnPath) -> RunSetup:
     """Return the setup of a run's return flight, from where the vehicle stands.
 
     It mixes nothing, has no external I/O and no injected faults; the guard applies the same fence.
+    Of observers there is what the vehicle flies by.
     """
+    kept = {key: one.on_the_way_back() for key, one in setup.case.observers.items()}
     north_m, east_m, _ = path.start.position_ned_m
     place = {"north_m": north_m, "east_m": east_m, "up_m": path.altitude_m}
     real = replace(setup.case.vehicles["real"], start=path.stand, sensors=())
@@ -40,7 +42,7 @@ def return_setup(setup: RunSetup, path: ReturnPath) -> RunSetup:
         goal=GoalSetup(altitude_m=path.altitude_m),
         oracles=(),
         record=RecordPart(),
-        observers={},
+        observers={key: one for key, one in kept.items() if one is not None},
         faults=(),
     )
     return replace(

@@ -12,6 +12,7 @@ import pytest
 from tests.orchestrator.conftest import ROOT, NoCommands
 from tests.orchestrator.flights import all_landed, log_of
 from wil_campaign.campaigns.expansion.expansion import Campaign, ExpansionOptions, load_campaign
+from wil_campaign.campaigns.setup.case_setup import ObserverSetup
 from wil_campaign.foundation.files.documents import parse_document
 from wil_campaign.orchestrator.campaign.between_runs import BetweenRuns
 from wil_campaign.orchestrator.campaign.workers.run_order import fly_order
@@ -432,3 +433,17 @@ def test_nothing_flies_back_with_an_actor_beside_it(tmp_path: Path) -> None:
     back = return_setup(setup, way())
     assert [one.name for one in back.guarded] == ["real"]
     assert (len(setup.case.faults), back.case.faults) == (1, ())
+
+
+class FliesBy(ObserverSetup):
+    def on_the_way_back(self) -> ObserverSetup:
+        return self
+
+
+def test_a_flight_back_has_the_observers_that_the_vehicle_flies_by(tmp_path: Path) -> None:
+    campaign = load_campaign(ROOT / "campaigns" / "gate.yaml", ExpansionOptions(modes=("wil",)))
+    setup = RunSetup.of(RunOrder(plan=campaign.runs[0], folder=tmp_path, clock="virtual"))
+    fed = FliesBy()
+    observers = {"outlets": ObserverSetup(), "inject": fed}
+    setup = replace(setup, case=replace(setup.case, observers=observers))
+    assert return_setup(setup, way()).case.observers == {"inject": fed}

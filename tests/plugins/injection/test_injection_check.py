@@ -78,6 +78,10 @@ def test_a_vehicle_without_injection_is_asked_nothing() -> None:
     assert proven({}, other).asked == []
 
 
+def test_a_range_sensor_that_only_stands_by_need_not_be_acted_on() -> None:
+    assert proven({}, InjectionSetup(thing="obstacle_distance", to=("real",))).asked == []
+
+
 def test_a_rangefinder_is_height_or_proximity_by_where_it_looks() -> None:
     assert injected_message_name("distance_sensor", DOWN.pose()) == "distance_sensor"
     assert injected_message_name("distance_sensor", AT_ORIGIN) == "distance_sensor_sideways"

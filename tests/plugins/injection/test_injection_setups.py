@@ -1,10 +1,12 @@
 """What a campaign may say of injections."""
 
+from typing import Any
+
 import pytest
 
 from tests.campaigns.conftest import Files
 from tests.campaigns.setup.test_external_setups import REAL, TWIN, needs, setup
-from wil_campaign.plugins.injection.injection_setups import InjectionSetups
+from wil_campaign.plugins.injection.injection_setups import InjectionSetup, InjectionSetups
 
 
 def test_obstacles_for_px4_are_refused_before_anything_is_there(files: Files) -> None:
@@ -30,6 +32,28 @@ def test_obstacles_for_px4_are_refused_before_anything_is_there(files: Files) ->
         "lidar",
     )
     assert needs(files) == []  # it goes by the vehicles' own links
+
+
+def test_a_flight_back_has_what_the_vehicle_flies_by_and_nothing_virtual() -> None:
+    """Without it neither a vehicle without GPS nor one with a proximity sensor is ready to arm."""
+
+    def of(thing: Any, **more: Any) -> InjectionSetup:
+        return InjectionSetup(thing=thing, to=("real",), **more)
+
+    vision = of("vision_position_estimate", rate_hz=30.0)
+    virtual = (
+        of("adsb_vehicle", objects=("intruder",)),
+        of("landing_target", objects=("pad",)),
+        of("distance_sensor", sensor="below"),
+        of("odometry", sensor="mixed"),
+    )
+    obstacles = of("obstacle_distance", sensor="lidar")
+    back = InjectionSetups((*virtual, obstacles, vision)).on_the_way_back()
+    assert back is not None
+    silent = of("obstacle_distance")
+    assert back.injections == (silent, vision)
+    assert (silent.only_stands_by, vision.only_stands_by) == (True, False)
+    assert InjectionSetups(virtual).on_the_way_back() is None
 
 
 @pytest.mark.parametrize(
