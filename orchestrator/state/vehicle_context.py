@@ -1,7 +1,7 @@
 """The context of one vehicle of a run: driver, poses, truth, setpoints, listeners."""
 
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Collection, Iterable
 from dataclasses import dataclass, field
 from typing import TypeVar
 
@@ -27,6 +27,8 @@ HISTORY_S = 2.0
 """How long poses are kept: longer than the latency of any camera."""
 _MOST_NOTES = 20_000
 """How many notes of an autonomy are kept: more than 15 minutes of one that changes at 20 Hz."""
+_LINK_SILENT_S = 0.3
+"""Telemetry comes 50 times a second: a vehicle that is silent for so long may be lost."""
 _REFER_EVERY_S = 0.098
 """Ten references a second, of any source whose period divides 0.1 s, despite rounding."""
 _ZERO: Vec3 = (0.0, 0.0, 0.0)
@@ -212,3 +214,15 @@ class VehicleContext:
 def _pass_fault(fault: FaultySignal[T] | None, sample: T) -> T | None:
     """Return a vehicle's sample with its fault injected; None while the signal has stopped."""
     return sample if fault is None else fault.passed(sample)
+
+
+def is_any_silent(
+    contexts: Iterable[VehicleContext], dropped_out: Collection[str], now_s: float
+) -> bool:
+    """Return whether no message has arrived from some vehicle for a while: it may be lost.
+
+    dropped_out: the names of those of which none is awaited any more.
+    """
+    awaited = (one for one in contexts if one.name not in dropped_out)
+    received_s = (one.driver.state.last_received_s for one in awaited)
+    return any(t_s is None or now_s - t_s > _LINK_SILENT_S for t_s in received_s)

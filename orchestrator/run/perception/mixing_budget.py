@@ -34,16 +34,18 @@ class _WatchedMixing:
 class MixingBudgetWatch:
     """Watches mixing budgets: a mixture that exceeds one makes the run INVALID.
 
-    is_any_silent: whether no message has arrived from some vehicle for a while. A silent vehicle
-    may be lost, which the guard reports as ERROR; a breach counts only once messages arrive from
-    all vehicles.
+    is_any_silent: whether no message has arrived from some vehicle for a while. That silence is
+    judged by `link` and by the guard first: a breach counts only once messages arrive from all
+    vehicles, and from then on.
     """
 
-    def __init__(self, *, run_state: RunState, is_any_silent: Callable[[], bool]) -> None:
+    def __init__(self, *, run_state: RunState, is_any_silent: Callable[[float], bool]) -> None:
         self._run_state = run_state
         self._is_any_silent = is_any_silent
         self._watched: dict[str, _WatchedMixing] = {}
         self._doubt: tuple[float, str] | None = None
+        self._has_waited = False
+        """Whether a vehicle was silent since the doubt."""
         self._is_over = False
         run_state.on_stage(self._stage)
 
@@ -111,8 +113,11 @@ class MixingBudgetWatch:
             if self._doubt is None or is_decided:
                 continue
             t_s, reason = self._doubt
-            if loop.time() - t_s > _SETTLE_S and not self._is_any_silent():
-                self._run_state.decide("INVALID", reason, t_s=t_s, source="mixing")
+            if self._is_any_silent(loop.time()):
+                self._doubt, self._has_waited = (loop.time(), reason), True
+            elif loop.time() - t_s > _SETTLE_S:
+                at_s = None if self._has_waited else t_s
+                self._run_state.decide("INVALID", reason, t_s=at_s, source="mixing")
                 is_decided = True
 
     def _check_mixing(self, watched: _WatchedMixing, now_s: float) -> None:

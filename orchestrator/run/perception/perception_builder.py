@@ -21,7 +21,7 @@ from wil_campaign.orchestrator.state.mixtures import MixedFrame, PreviewImages
 from wil_campaign.orchestrator.state.run_setup import RunSetup
 from wil_campaign.orchestrator.state.run_state import RunState
 from wil_campaign.orchestrator.state.signal_faults import SignalFaults
-from wil_campaign.orchestrator.state.vehicle_context import VehicleContext
+from wil_campaign.orchestrator.state.vehicle_context import VehicleContext, is_any_silent
 from wil_campaign.recipes.pipeline.autonomy_readings import without_ground_truth
 from wil_campaign.recipes.pipeline.pipeline import Mixer, compile_recipe
 from wil_campaign.vehicles.readings import CameraReading, Reading
@@ -30,8 +30,6 @@ from wil_campaign.vehicles.readings.copies import restamp_reading
 
 _POSE_WAIT_S = 0.05
 """How long an image waits for the pose of its exposure, beyond the latency of the camera."""
-_LINK_SILENT_S = 0.3
-"""Telemetry comes 50 times a second: a vehicle that is silent for so long may be lost."""
 _MOCAP_HZ = 100.0
 """Rate of motion capture where a campaign does not state it."""
 
@@ -64,14 +62,10 @@ def build_perception(
     faults: SignalFaults,
 ) -> Perception:
     """Build a run's sensors and mixing loops for its runners, not started yet."""
-
-    def is_any_silent() -> bool:
-        now_s = asyncio.get_running_loop().time()
-        awaited = [one for one in pair.contexts if one.name not in run_state.dropped_out]
-        received_s = [context.driver.state.last_received_s for context in awaited]
-        return any(t_s is None or now_s - t_s > _LINK_SILENT_S for t_s in received_s)
-
-    budgets = MixingBudgetWatch(run_state=run_state, is_any_silent=is_any_silent)
+    budgets = MixingBudgetWatch(
+        run_state=run_state,
+        is_any_silent=lambda now_s: is_any_silent(pair.contexts, run_state.dropped_out, now_s),
+    )
     perception = Perception(runners, run_state, budgets, images_ended=watchers.images_ended)
     contexts = {context.name: context for context in pair.contexts}
     if setup.placed is not None:

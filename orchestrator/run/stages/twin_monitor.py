@@ -10,7 +10,7 @@ from wil_campaign.foundation.clocks.sleeping import sleep_until
 from wil_campaign.orchestrator.run_results.result_parts import DropOut, TwinResult
 from wil_campaign.orchestrator.run_results.run_result import percentiles
 from wil_campaign.orchestrator.state.run_state import RunState, Stage
-from wil_campaign.orchestrator.state.vehicle_context import VehicleContext
+from wil_campaign.orchestrator.state.vehicle_context import VehicleContext, is_any_silent
 from wil_campaign.vehicles.coupling import Coupling
 from wil_campaign.vehicles.poses.pose_history import PoseHistory
 from wil_campaign.worlds.figures import distinct_value_text
@@ -43,6 +43,8 @@ class TwinMonitor:
         self._waiting: deque[float] = deque()
         self._due: dict[float, bool] = {}
         """Whether the distance was measured, by the times that were due, in order."""
+        self._silent: set[float] = set()
+        """The times at which a vehicle's whole link was silent."""
         self._needed_by: tuple[str, ...] = ()
         self._twin = ""
 
@@ -62,8 +64,7 @@ class TwinMonitor:
             await sleep_until(t0_s + _DELAY_S + count / _HZ)
             alive()
             if not self._is_over():
-                self._due[t0_s + count / _HZ] = False
-                self._waiting.append(t0_s + count / _HZ)
+                self._await(t0_s + count / _HZ, contexts, loop.time())
             self._measure_waiting(contexts, loop.time())
 
     def result(self) -> TwinResult:
@@ -81,6 +82,13 @@ class TwinMonitor:
     def _is_over(self) -> bool:
         ended = any(self._run_state.reached(stage) for stage in ("done", "land", "end"))
         return ended or self._twin in self._run_state.dropped_out
+
+    def _await(self, t_s: float, contexts: Sequence[VehicleContext], now_s: float) -> None:
+        """Wait for the poses of a time."""
+        self._due[t_s] = False
+        self._waiting.append(t_s)
+        if is_any_silent(contexts, self._run_state.dropped_out, now_s):
+            self._silent.add(t_s)
 
     def _measure_waiting(self, contexts: Sequence[VehicleContext], now_s: float) -> None:
         """Measure at the due times of which both poses have arrived by now."""
@@ -119,14 +127,19 @@ class TwinMonitor:
         )
 
     def _stage(self, stage: Stage, t_s: float) -> None:
-        """Decide at the landing: a distance that was not measured makes the run INVALID."""
+        """Decide at the landing: a distance that was not measured makes the run INVALID.
+
+        It counts from the moment at which a gap exceeds the limit, but for one in which a link was
+        silent: that is judged by `link` and by the guard first.
+        """
         if stage != "landed" or not self._twin or self._twin in self._run_state.dropped_out:
             return
         from_s, to_s = self._longest_gap()
         if self._due and not self._distances_m:
             what = f"was never measured: at none of {len(self._due)} times were there poses of both"
         elif to_s - from_s > self._max_gap_s:
-            t_s = from_s + self._max_gap_s
+            is_silence = any(from_s <= silent_s <= to_s for silent_s in self._silent)
+            t_s = t_s if is_silence else from_s + self._max_gap_s
             goal_s = self._run_state.entered_s.get("goal", 0.0)
             what = f"was not measured from {from_s - goal_s:.2f} s to {to_s - goal_s:.2f} s after "
             what += (

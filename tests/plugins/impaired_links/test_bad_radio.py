@@ -81,6 +81,24 @@ def test_a_gap_that_was_recovered_but_too_long_fails(fly_run: Fly, campaign: str
 
 
 @pytest.mark.parametrize(
+    ("dark_s", "verdict", "said"),
+    [
+        (1.3, "FAIL", "real was silent for 1.3 s, more than 1 s"),
+        (4.0, "ERROR", "nothing received from real for 3 s"),
+    ],
+)
+def test_a_silence_is_judged_as_one_also_where_poses_come_by_that_radio(
+    fly_run: Fly, dark_s: float, verdict: str, said: str
+) -> None:
+    """Not as a mixture or a pair without poses, whose INVALID run would be flown again."""
+    by_its_estimate = ("vehicles.real.pose_source=mavlink", "vehicles.real.profile=nominal")
+    patient = "vehicles.real.params={COM_OF_LOSS_T: 2.0}"
+    result, _ = fly_run(sets=(*LONGER, DARK % dark_s, *by_its_estimate, patient))
+    assert (result.verdict, result.reason[: len(said)]) == (verdict, said)
+    assert any("real and twin was not measured" in later.reason for later in result.also)
+
+
+@pytest.mark.parametrize(
     "link",
     [
         "{loss: 1.0}",

@@ -42,7 +42,7 @@ def last_s(stages: dict[Stage, float]) -> tuple[dict[str, float], list[Any]]:
     async def perceive() -> None:
         loop = asyncio.get_running_loop()
         run_state = RunState(time=loop.time)
-        budgets = MixingBudgetWatch(run_state=run_state, is_any_silent=lambda: False)
+        budgets = MixingBudgetWatch(run_state=run_state, is_any_silent=lambda _: False)
         perception = Perception({}, run_state, budgets)
         perception.images_ended = lambda topics: ended.append((topics, loop.time()))
         for vehicle, sensor in (("real", "camera"), ("real", "live"), ("twin", "camera")):

@@ -22,6 +22,8 @@ async def _fly(
     gap_s: float,
     silent_s: tuple[float, float],
     but_at_s: float,
+    *,
+    is_link_silent: bool,
 ) -> tuple[TwinMonitor, RunState]:
     """Fly a goal of 4 s; the real vehicle's poses come so late, one every `gap_s`.
 
@@ -31,13 +33,21 @@ async def _fly(
     run_state = RunState(time=loop.time)
     monitor = TwinMonitor(coupling="free", limit_m=1.0, max_gap_s=0.5, run_state=run_state)
     monitor.attach("twin", needed_by=())
-    contexts: Any = tuple(SimpleNamespace(poses=PoseHistory(2.0)) for _ in range(2))
+    drivers = tuple(SimpleNamespace(state=SimpleNamespace(last_received_s=9e9)) for _ in range(2))
+    contexts: Any = tuple(
+        SimpleNamespace(poses=PoseHistory(2.0), driver=driver, name=name)
+        for driver, name in zip(drivers, ("real", "twin"), strict=True)
+    )
     real, twin = (context.poses for context in contexts)
     await asyncio.sleep(7.0)  # the run clock is not the goal's
     t0_s, due_s = run_state.enter("goal"), 0.0
     watching = asyncio.create_task(monitor.run(contexts, lambda: None))
     for tick in range(round(5.0 * RATE_HZ)):
         t_s = t0_s + tick / RATE_HZ
+        if is_link_silent and silent_s[0] <= t_s - t0_s < silent_s[1]:
+            drivers[1].state.last_received_s = t0_s + silent_s[0]
+        else:
+            drivers[1].state.last_received_s = t_s
         is_lone = tick == round(but_at_s * RATE_HZ)
         if is_lone or not silent_s[0] <= t_s - t0_s < silent_s[1]:
             twin.add(t_s, Pose((0.0, apart_m, 0.0), UPRIGHT))
@@ -59,11 +69,15 @@ def flown(
     gap_s: float = 0.02,
     silent_s: tuple[float, float] = (9.0, 9.0),
     but_at_s: float = 9.0,
+    *,
+    is_link_silent: bool = False,
 ) -> tuple[TwinMonitor, RunState]:
     found: list[tuple[TwinMonitor, RunState]] = []
 
     async def main() -> None:
-        found.append(await _fly(late_s, apart_m, gap_s, silent_s, but_at_s))
+        found.append(
+            await _fly(late_s, apart_m, gap_s, silent_s, but_at_s, is_link_silent=is_link_silent)
+        )
 
     run_on_clock("virtual", main())
     return found[0]
@@ -98,6 +112,16 @@ def test_a_distance_that_was_never_measured_proves_nothing() -> None:
     (event,) = run_state.decisive
     assert (event.kind, event.source) == ("INVALID", "sync/twin")
     assert "was never measured" in event.text
+
+
+@pytest.mark.parametrize(("is_link_silent", "at_s"), [(False, 1.55), (True, 5.0)])
+def test_a_gap_of_a_silent_link_counts_after_what_judges_that_silence(
+    is_link_silent: bool, at_s: float
+) -> None:
+    _, run_state = flown(0.0, 0.2, silent_s=(1.02, 2.5), is_link_silent=is_link_silent)
+    (event,) = run_state.decisive
+    assert "was not measured from 1.05 s to 2.45 s" in event.text
+    assert event.t_s - run_state.entered_s["goal"] == pytest.approx(at_s, abs=0.02)
 
 
 @pytest.mark.parametrize(
