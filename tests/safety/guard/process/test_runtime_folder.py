@@ -16,6 +16,8 @@ from wil_campaign.safety.guard.process.runtime_folder import (
 )
 from wil_campaign.vehicles.driver.onboard.crash_safe_file import CrashSafeFile
 
+_MODULE = "wil_campaign.safety.guard.process.runtime_folder"
+
 
 @pytest.fixture(autouse=True)
 def usual(short_folder: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
@@ -93,6 +95,28 @@ def test_a_flight_is_found_where_it_began(usual: Path, other: Path, tmp_path: Pa
         assert [campaign.name for campaign in operator_places().campaigns] == ["gate"]
         assert record.socket.parent == other
         assert runtime_folders() == (other,)
+
+
+@pytest.mark.parametrize("began", ["login", "shell"])
+def test_a_flight_is_found_from_the_users_other_sessions(
+    short_folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, began: str
+) -> None:
+    """A login by systemd has an XDG_RUNTIME_DIR; cron, `su` and `docker exec` have none."""
+    login = short_folder / str(os.getuid())
+    login.mkdir(mode=0o700)
+    monkeypatch.setattr(f"{_MODULE}._LOGINS", short_folder)
+    monkeypatch.setattr(f"{_MODULE}._TEMPORARY", short_folder / "run")
+
+    def come_in_by(session: str) -> None:
+        monkeypatch.setenv("XDG_RUNTIME_DIR", str(login) if session == "login" else "")
+
+    come_in_by(began)
+    with CampaignRecord(name="gate", folder=tmp_path):
+        for session in ("login", "shell"):
+            come_in_by(session)
+            assert [campaign.name for campaign in operator_places().campaigns] == ["gate"]
+        monkeypatch.setenv("XDG_RUNTIME_DIR", str(short_folder / "home"))
+        assert operator_places().campaigns == ()  # as where a test flies beside a real vehicle
 
 
 def test_files_of_dead_processes_are_removed(usual: Path) -> None:
