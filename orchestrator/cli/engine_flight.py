@@ -143,11 +143,11 @@ def _ready_here(
     campaign = load_selected(file, selection, options)
     require_writable_results(options.out, junit=options.junit)
     start_run_server()
-    cleared = clear_for_flight(campaign, options)
-    if cleared.settings:
-        settled = replace(selection, sets=(*selection.sets, *cleared.settings))
-        campaign = load_selected(file, settled, options)
-    with held_benches(campaign.benches):
+    with held_benches(campaign.benches):  # before its vehicle is touched, and a person asked
+        cleared = clear_for_flight(campaign, options)
+        if cleared.settings:
+            settled = replace(selection, sets=(*selection.sets, *cleared.settings))
+            campaign = load_selected(file, settled, options)
         yield campaign, cleared
 
 
