@@ -7,7 +7,7 @@ from pathlib import Path
 from wil_campaign.campaigns.expansion.expansion import ExpansionOptions
 from wil_campaign.orchestrator.campaign.display_thread import ProgressDisplay
 from wil_campaign.orchestrator.campaign.flight_options import ClearedCampaign, FlightOptions
-from wil_campaign.orchestrator.campaign.folder.bench_lock import held_benches
+from wil_campaign.orchestrator.campaign.folder.bench_lock import held_benches, held_links
 from wil_campaign.orchestrator.campaign.folder.campaign_folder import require_writable_results
 from wil_campaign.orchestrator.campaign.resuming.attached_vehicles import attached_vehicles
 from wil_campaign.orchestrator.campaign.workers.run_engine import LOCAL
@@ -41,12 +41,13 @@ def fly_search_file(
     SearchError, MissingExtraError, TakenError.
     """
     found = load_search(file, selection)
-    attached = bool(attached_vehicles(found.flown))
+    attached = attached_vehicles(found.flown)
+    links = [link for flown in attached for link in flown.addresses]
     if attached:
         _require_person(found, options)
     require_writable_results(options.out, junit=None)
     start_run_server()
-    with held_benches(found.campaign.benches if attached else ()):
+    with held_benches(found.campaign.benches if attached else ()), held_links(links):
         # Where a vehicle is attached, the person is asked before each batch.
         here = clear_for_flight(found.flown, replace(options, arm=not attached))
         if here.settings:
