@@ -68,7 +68,7 @@ def test_a_file_that_its_holder_removes_meanwhile_holds_nothing(
             held_links((LINK,)).__enter__()
 
 
-def test_a_lock_that_cannot_be_written_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_lock_that_cannot_be_written_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     def refuse(path: Path) -> int:
         raise OSError(30, "Read-only file system", str(path))
 
