@@ -6,8 +6,10 @@ also in those of the user's other sessions.
 """
 
 import contextlib
+import errno
 import os
 import re
+import socket
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -24,7 +26,7 @@ _LONGEST_BYTES = 107 - len("/pymp-abcdefgh/listener-abcdefgh")
 Those of `multiprocessing` are longest.
 """
 _LONGEST_BASE_BYTES = _LONGEST_BYTES - len(f"/{_FOLDER}")
-_OF_PROCESS = re.compile(r"(?:campaign|guard|console)-([0-9]{1,10})(?:-[0-9]+)?\.(?:sock|part)")
+_OF_PROCESS = re.compile(r"(?:campaign|guard|console)-([0-9]{1,10})(?:-[0-9a-f]+)?\.(?:sock|part)")
 
 
 class RuntimeFolderError(OSError):
@@ -80,9 +82,29 @@ def sweep_runtime_folder(folder: Path) -> None:
     """Remove sockets and unfinished records of processes that are gone."""
     for path in folder.iterdir():
         named = _OF_PROCESS.fullmatch(path.name)
-        if named is not None and ProcessId.of(int(named[1])) is None:
-            with contextlib.suppress(OSError):
-                path.unlink()
+        if named is None or ProcessId.of(int(named[1])) is not None or is_socket_served(path):
+            continue
+        with contextlib.suppress(OSError):
+            path.unlink()
+
+
+def process_socket_path(folder: Path, what: str, process: ProcessId) -> Path:
+    """Return the path of a process's socket, which no process of another container has."""
+    return folder / f"{what}-{process.pid}-{process.started:x}.sock"
+
+
+def is_socket_served(path: Path) -> bool:
+    """Return whether a process listens at a socket, also one of a container that shares the folder.
+
+    Its process id means nothing here. A listener that is busy counts.
+    """
+    for kind in (socket.SOCK_STREAM, socket.SOCK_DGRAM):
+        with socket.socket(socket.AF_UNIX, kind) as end:
+            end.setblocking(False)
+            code = end.connect_ex(str(path))
+        if code != errno.EPROTOTYPE:
+            break
+    return code in {0, errno.EAGAIN}
 
 
 def is_too_long(base: str) -> bool:
