@@ -341,6 +341,7 @@ class _Flight:
                     attempts=self._attempts.get(plan.name, ()),
                     arm=self._options.arm,
                     campaign=self._folder,
+                    uids=self._cleared.uids,
                 )
 
     def _ready(self, order: RunOrder) -> RunOrder | None:

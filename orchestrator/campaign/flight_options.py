@@ -1,5 +1,6 @@
 """How a campaign is flown: the options of a person or a program, and what they come to."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
@@ -85,7 +86,7 @@ class ClearedCampaign:
     jobs: how many runs fly at once. real_kind: what flies as the real vehicle. hardware: the names
     of the vehicles that are not simulations, which a person has to move between runs; empty for
     none. engine: where runs fly. settings: KEY=VALUE for the campaign, of what its attached
-    vehicles offer and its file leaves open.
+    vehicles offer and its file leaves open. uids: see RunOrder.
     """
 
     clock: Clock
@@ -94,3 +95,4 @@ class ClearedCampaign:
     hardware: str = ""
     engine: RunEngine = field(default_factory=LocalRunEngine)
     settings: tuple[str, ...] = ()
+    uids: Mapping[str, str] = field(default_factory=dict)

@@ -10,20 +10,23 @@ import sys
 import termios
 from collections.abc import Callable
 
-from wil_campaign.orchestrator.operator.campaign_controller import CampaignController
+from wil_campaign.orchestrator.operator.campaign_controller import (
+    PERSON_AWAITED,
+    CampaignController,
+)
 from wil_campaign.safety.guard.core.operator_command import OperatorCommand
 from wil_campaign.safety.guard.operator.operator_lines import RefusedLineError
 
 WAIT_S = 1800.0
 """Enough to change a battery, and perhaps a propeller."""
-_WHO = "repositioning"
 
 
 class Repositioning:
     """Holds a campaign after each run for repositioning by a person, at most `wait_s`.
 
     vehicles: the vehicles to move, in words. say: shows the person a sentence. The campaign
-    continues at Enter on its terminal, or by `wil-campaign resume` from anywhere.
+    continues at Enter on its terminal, or by `wil-campaign resume` from anywhere. Enter does not
+    release what an operator holds.
     """
 
     def __init__(
@@ -49,8 +52,8 @@ class Repositioning:
         if self._controller.stopped is not None:
             return
         with contextlib.suppress(RefusedLineError):
-            self._controller.obey(OperatorCommand("hold", _WHO))
-        terminal = sys.stdin.isatty()
+            self._controller.obey(OperatorCommand("hold", PERSON_AWAITED))
+        terminal = sys.stdin.isatty() and self._controller.held_by == PERSON_AWAITED
         how = "press Enter, or " if terminal else ""
         where = f"to the start of the next run, {elsewhere}" if elsewhere else "back to its start"
         self._say(
@@ -77,6 +80,9 @@ class Repositioning:
             self._stop_listening()
             self._say("the input ended without Enter; to continue run: wil-campaign resume")
             return
+        if (holder := self._controller.held_by) not in {"", PERSON_AWAITED}:
+            self._say(f"held by {holder}; to continue run: wil-campaign resume")
+            return
         self.end_wait()
         with contextlib.suppress(RefusedLineError):
             self._controller.obey(OperatorCommand("resume", "terminal"))
@@ -86,7 +92,7 @@ class Repositioning:
         if not self._controller.held or self._controller.stopped is not None:
             return
         self._say(f"nobody confirmed within {self._wait_s:g} s that {self._vehicles} is back")
-        self._controller.obey(OperatorCommand("abort", _WHO))
+        self._controller.obey(OperatorCommand("abort", PERSON_AWAITED))
 
     def end_wait(self) -> None:
         """End the wait for the person: the campaign is resumed or over."""

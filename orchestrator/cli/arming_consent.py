@@ -34,6 +34,7 @@ from wil_campaign.orchestrator.cli.standard_streams import write_stderr
 from wil_campaign.orchestrator.cli.text_table import count_text
 from wil_campaign.orchestrator.run_results.campaign_results import VehicleKind
 from wil_campaign.orchestrator.state.parameter_backups import NoHomeError, parameter_backup_folder
+from wil_campaign.orchestrator.state.run_setup import place_of_vehicle
 from wil_campaign.vehicles.errors import NO_JSBSIM, VehicleError
 from wil_campaign.vehicles.links.link_strings import LinkAddress
 
@@ -83,7 +84,10 @@ def clear_for_flight(campaign: Campaign, options: FlightOptions) -> ClearedCampa
     if options.arm:
         _confirm(campaign, found)
     hardware = " and ".join(vehicle.name for vehicle in found if not vehicle.identity.simulation)
-    return ClearedCampaign(wanted, 1, real_kind, hardware, settings=_settings_of(campaign, found))
+    places = map(place_of_vehicle, attached)
+    uids = dict(zip(places, (vehicle.identity.uid for vehicle in found), strict=True))
+    settings = _settings_of(campaign, found)
+    return ClearedCampaign(wanted, 1, real_kind, hardware, settings=settings, uids=uids)
 
 
 def _settings_of(campaign: Campaign, found: Iterable[AttachedVehicle]) -> tuple[str, ...]:

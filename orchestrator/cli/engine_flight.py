@@ -17,7 +17,7 @@ from wil_campaign.campaigns.expansion.expansion import (
 from wil_campaign.hooks import Engine, engines
 from wil_campaign.installed_plugins import absent_additions, load_plugin_object, plugin_additions
 from wil_campaign.orchestrator.campaign.flight_options import ClearedCampaign, FlightOptions
-from wil_campaign.orchestrator.campaign.folder.bench_lock import held_benches
+from wil_campaign.orchestrator.campaign.folder.bench_lock import held_benches, held_links
 from wil_campaign.orchestrator.campaign.folder.campaign_folder import require_writable_results
 from wil_campaign.orchestrator.campaign.folder.repetitions import runs_planned
 from wil_campaign.orchestrator.campaign.resuming.attached_vehicles import attached_vehicles
@@ -143,11 +143,13 @@ def _ready_here(
     campaign = load_selected(file, selection, options)
     require_writable_results(options.out, junit=options.junit)
     start_run_server()
-    cleared = clear_for_flight(campaign, options)
-    if cleared.settings:
-        settled = replace(selection, sets=(*selection.sets, *cleared.settings))
-        campaign = load_selected(file, settled, options)
-    with held_benches(campaign.benches):
+    links = [link for flown in attached_vehicles(campaign) for link in flown.addresses]
+    # Before a vehicle is touched, and a person asked.
+    with held_benches(campaign.benches), held_links(links):
+        cleared = clear_for_flight(campaign, options)
+        if cleared.settings:
+            settled = replace(selection, sets=(*selection.sets, *cleared.settings))
+            campaign = load_selected(file, settled, options)
         yield campaign, cleared
 
 

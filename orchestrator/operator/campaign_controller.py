@@ -24,6 +24,8 @@ from wil_campaign.safety.guard.core.operator_command import OperatorCommand
 from wil_campaign.safety.guard.operator.operator_lines import RefusedLineError
 
 _MOST_ANSWERS = 20
+PERSON_AWAITED = "repositioning"
+"""Holds a campaign while a person moves the vehicle; the hold of an operator takes its place."""
 
 
 class WorkerFleet(Protocol):
@@ -89,7 +91,8 @@ class CampaignController:
         """Aborts of one node or bench."""
         self._answers: deque[RunEventReport] = deque(maxlen=_MOST_ANSWERS)
         self.log = OperatorLog(path=folder / "operator.jsonl")
-        self.held = False
+        self.held_by = ""
+        """Who holds the campaign; empty while nobody does."""
         self._holding: set[str] = set()
         """The runs in flight that hold."""
         self.stopped: Stop | None = None
@@ -103,6 +106,11 @@ class CampaignController:
     def flying(self) -> Collection[str]:
         """Return the controlled campaign's runs in flight."""
         return self._flying.keys()
+
+    @property
+    def held(self) -> bool:
+        """Return whether the controlled campaign starts no run until it is resumed."""
+        return self.held_by != ""
 
     @property
     def state(self) -> str:
@@ -263,7 +271,7 @@ class CampaignController:
         if command.is_partial:
             return self._abort_place(command)
         self._expect(command)
-        was_stopped, self.stopped, self.held = self.stopped, self.stopped or stop, False
+        was_stopped, self.stopped, self.held_by = self.stopped, self.stopped or stop, ""
         try:
             self._fleet.abort(command)
         except BaseException:
@@ -317,14 +325,14 @@ class CampaignController:
     def _hold(self, command: OperatorCommand) -> str:
         self._refuse_when_stopped(command)
         meant = {command.run} if command.run else set(self._places)
-        if meant <= self._holding and (command.run or self.held):
+        if meant <= self._holding and (command.run or self.held_by not in {"", PERSON_AWAITED}):
             who = f"{command.run} holds" if command.run else "all vehicles hold"
             raise RefusedLineError(f"hold: {who} already")
         self._holding |= meant
         self._expect(command)
         if command.run:
             return f"held: {_runs(self._fleet.pass_on(command))} in flight, {command.run} only"
-        self.held = True
+        self.held_by = command.who
         self._fleet.pause()
         return f"held: {_runs(self._fleet.pass_on(command))} in flight; no run is started"
 
@@ -334,7 +342,7 @@ class CampaignController:
             return self._resume_run(command)
         if not self.held and not self._holding:
             raise RefusedLineError("resume: no vehicle holds")
-        self.held = False
+        self.held_by = ""
         self._holding.clear()
         self._expect(command)
         self._fleet.go_on()

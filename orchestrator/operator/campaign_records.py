@@ -12,7 +12,9 @@ import msgspec
 from wil_campaign.foundation.processes.identity import ProcessId
 from wil_campaign.safety.guard.process.orphaned_processes import running_guards
 from wil_campaign.safety.guard.process.runtime_folder import (
+    is_socket_served,
     open_runtime_folder,
+    process_socket_path,
     runtime_folders,
     sweep_runtime_folder,
 )
@@ -22,7 +24,8 @@ from wil_campaign.safety.guard.process.runtime_folder import (
 class OperatorPlace:
     """A socket that takes operator commands. folder: of the results; name: for messages.
 
-    process: the one that listens there, to be signalled when the socket does not answer.
+    process: the one that listens there, to be signalled when the socket does not answer; None for
+    a campaign of a container, whose process ids are others.
     campaign: of a guard, the folder of its run's campaign; None where it is of none.
     """
 
@@ -129,11 +132,10 @@ class CampaignRecord:
         runtime = opened.path
         sweep_runtime_folder(runtime)
         self.passed_over = tuple(f"{text}; {runtime} is used" for text in opened.passed_over)
-        self.socket = runtime / f"campaign-{os.getpid()}.sock"
-        self._path = runtime / f"campaign-{os.getpid()}.json"
-        self._entry = _Entry(
-            name, str(folder.absolute()), str(self.socket), process=ProcessId.own()
-        )
+        process = ProcessId.own()
+        self.socket = process_socket_path(runtime, "campaign", process)
+        self._path = self.socket.with_suffix(".json")
+        self._entry = _Entry(name, str(folder.absolute()), str(self.socket), process)
 
     def __enter__(self) -> Self:
         self.socket.unlink(missing_ok=True)
@@ -166,10 +168,9 @@ def _campaigns(runtime: Path) -> Iterator[OperatorPlace]:
     for path in sorted(runtime.glob("campaign-*.json")):
         with contextlib.suppress(OSError, msgspec.MsgspecError, UnicodeDecodeError):
             entry = msgspec.json.decode(path.read_bytes(), type=_Entry)
-            if entry.process.lives:
-                yield OperatorPlace(
-                    entry.name, Path(entry.folder), Path(entry.socket), entry.process
-                )
+            process = entry.process if entry.process.lives else None
+            if process is not None or is_socket_served(Path(entry.socket)):
+                yield OperatorPlace(entry.name, Path(entry.folder), Path(entry.socket), process)
             else:
                 path.unlink()
                 Path(entry.socket).unlink(missing_ok=True)

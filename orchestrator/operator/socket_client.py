@@ -15,6 +15,7 @@ _ANSWER_S = 2.0
 _LONGEST_ANSWER_BYTES = 1 << 20
 _TELL_S = 0.2
 _RETRY_S = 0.001
+_OF_THE_MOMENT = frozenset({"hold", "resume", "geofence"})
 
 
 class NoAnswerError(Exception):
@@ -66,4 +67,6 @@ def _connect(end: socket.socket, path: Path, *, within_s: float) -> None:
 
 
 def _line(command: str, who: str, **more: str) -> bytes:
-    return json.dumps({"command": command, "who": who, **more}).encode() + b"\n"
+    """Return the line of a command; one that may come too late says when it was sent."""
+    at_s = {"at_s": time.monotonic()} if command in _OF_THE_MOMENT else {}
+    return json.dumps({"command": command, "who": who, **at_s, **more}).encode() + b"\n"

@@ -132,9 +132,10 @@ def _pages_and_sections(
     if len(orders) > (_ALONE if server is None else _ALONE_BESIDE_SERVER) and workers > 1:
         # Spawned, not forked from here: earlier flights may have left threads.
         context = server or multiprocessing.get_context("spawn")
-        # Workers fail if the main module cannot be imported again, or for lack of memory.
+        # Workers fail if the main module cannot be imported again, or for lack of memory; there is
+        # no pool without a writable /dev/shm.
         with (
-            suppress(BrokenProcessPool),
+            suppress(BrokenProcessPool, OSError),
             ProcessPoolExecutor(workers, mp_context=context, initializer=end_with_program) as pool,
         ):
             sections = [

@@ -26,7 +26,8 @@ class RunOrder:
     attempts: earlier ones at this run, which do not count. arm: False stops before arming. back:
     set for the return flight to the start after the run, instead of the run. campaign: the results
     folder of the campaign on its own machine, by which guards on any machine say whose they are.
-    beneath: the folder of this machine beneath which the files of that machine lie.
+    beneath: the folder of this machine beneath which the files of that machine lie. uids: of the
+    attached vehicles that were cleared to fly, by `place_of_vehicle`; others fly whoever they are.
     """
 
     plan: RunPlan
@@ -38,12 +39,18 @@ class RunOrder:
     liftoff_delays_s: Mapping[str, float] = field(default_factory=dict)
     campaign: Path | None = None
     beneath: Path | None = None
+    uids: Mapping[str, str] = field(default_factory=dict)
 
     def own_path(self, path: Path) -> Path:
         """Return where a file of the order lies on the campaign's own machine."""
         if self.beneath is None or not path.is_relative_to(self.beneath):
             return path
         return Path("/") / path.relative_to(self.beneath)
+
+
+def place_of_vehicle(vehicle: FlownSetup) -> str:
+    """Return a vehicle's name and the address of its link: cases may have several of a name."""
+    return f"{vehicle.name} at {vehicle.attached or vehicle.link}"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -276,4 +276,5 @@ class ConsoleHub:
 
 def _status_text(status: _Received[dict[str, Any]]) -> str:
     """Return the status of campaigns and guards for the page."""
-    return page_json({"type": "status", **status.content, "age_s": status.age_s})
+    sent_s = time.monotonic()  # a command says by it how old what the page shows was
+    return page_json({"type": "status", **status.content, "age_s": status.age_s, "sent_s": sent_s})

@@ -6,6 +6,7 @@ session, before anything else of them is used.
 Checks a fence from the page before it is sent to the runs, which decide on it; pure.
 """
 
+import time
 from collections.abc import Awaitable, Callable, Iterable, Iterator
 from importlib.resources import files
 from importlib.resources.abc import Traversable
@@ -205,7 +206,10 @@ class ConsoleServer:
 
     async def _command(self, request: web.Request) -> web.StreamResponse:
         session = self._session(request)
-        command = PageCommand.parse(await _json_of(request))
+        try:
+            command = PageCommand.parse(await _json_of(request), time.monotonic())
+        except RefusedLineError as error:
+            raise AccessError(str(error)) from error
         self._access.require_command(session, command.kind)
         if command.kind == "geofence":
             check_operator_fence(command.document, self._hub.views())

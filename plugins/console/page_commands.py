@@ -21,12 +21,15 @@ from wil_campaign.orchestrator.operator.socket_client import NoAnswerError, ask_
 from wil_campaign.plugins.console.console_access import AccessError
 from wil_campaign.plugins.console.flight_scope import FlightScope
 from wil_campaign.safety.guard.core.operator_command import OperatorKind
-from wil_campaign.safety.guard.operator.operator_lines import LONGEST_LINE_BYTES
+from wil_campaign.safety.guard.operator.operator_lines import LONGEST_LINE_BYTES, require_fresh
 
 MAX_BODY_BYTES = LONGEST_LINE_BYTES // 2
 """Limit on a request: encoded as JSON again, it must fit into a line of the socket."""
 _THREADS = 16
-_KEYS = frozenset({"command", "geofence"})
+_OLDEST_S = 10.0
+"""A page waits 5 s for its reply, and has a status every half second, or every four where a flight
+does not answer."""
+_KEYS = frozenset({"command", "geofence", "seen_s"})
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,8 +40,11 @@ class PageCommand:
     document: str = ""
 
     @classmethod
-    def parse(cls, document: Any) -> "PageCommand":
-        """Return the command in a request's JSON. Raises AccessError."""
+    def parse(cls, document: Any, now_s: float) -> "PageCommand":
+        """Return the command in a request's JSON. Raises AccessError, and RefusedLineError.
+
+        now_s: by the clock of `seen_s`, which is when the status was sent that the page had last.
+        """
         if not isinstance(document, dict) or set(document) - _KEYS:
             raise AccessError("a command has the keys command and, for a fence, geofence")
         kind, fences = document.get("command"), document.get("geofence", "")
@@ -46,6 +52,7 @@ class PageCommand:
             raise AccessError(f"command must be one of {', '.join(get_args(OperatorKind))}")
         if not isinstance(fences, str) or (kind == "geofence") != bool(fences):
             raise AccessError("geofence must be the text of a file, for command geofence only")
+        require_fresh(cast("OperatorKind", kind), document.get("seen_s"), now_s, oldest_s=_OLDEST_S)
         return cls(cast("OperatorKind", kind), fences)
 
 

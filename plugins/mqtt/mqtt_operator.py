@@ -32,6 +32,7 @@ from wil_campaign.plugins.mqtt.mqtt_commands import CommandReader, RefusedComman
 from wil_campaign.plugins.mqtt.mqtt_reports import (
     acknowledgement_publication,
     publications_of_news,
+    session_in_flight,
     status_publication,
     verdict_publication,
 )
@@ -131,6 +132,7 @@ class MqttOperator:
         self._loss_timer: asyncio.TimerHandle | None = None
         self._connected = False
         self._has_ended = False
+        self._has_warned = False
         self._is_publishing = False
         self._refusals = RateLimit(most=_MOST_REFUSALS_A_SECOND)
         self._answers = CommandAnswers(
@@ -249,6 +251,8 @@ class MqttOperator:
         )
         async with client:
             await _subscribe(client, f"{self._base}/operator/+")
+            # To learn of another start of this campaign; a broker may refuse it.
+            await client.subscribe(f"{self._base}/status", qos=1)
             raise_if_task_cancelled()
             self._reconnected()
             async with asyncio.TaskGroup() as group:
@@ -298,9 +302,23 @@ class MqttOperator:
         with _connected():
             async for message in client.messages:
                 kind = str(message.topic).rpartition("/")[2]
-                if kind != "ack":
-                    payload = message.payload if isinstance(message.payload, bytes) else b""
+                payload = message.payload if isinstance(message.payload, bytes) else b""
+                if str(message.topic) == f"{self._base}/status":
+                    self._receive_status(payload)
+                elif kind != "ack":
                     self._execute_command(kind, payload, retained=bool(message.retain))
+
+    def _receive_status(self, payload: bytes) -> None:
+        """Warn, once, of another start of this campaign in flight that has the same topics."""
+        other = session_in_flight(payload)
+        if self._has_warned or other in {"", self._controller.session}:
+            return
+        self._has_warned = True
+        self._controller.warn(
+            f"the broker has the status of another start of this campaign, {other}: if that flies "
+            f"too, each replaces the other's reports at {self._base}/, and operators must give the "
+            "session of the one that they mean; set another operator.mqtt.root"
+        )
 
     def _execute_command(self, kind: str, payload: bytes, *, retained: bool) -> None:
         try:

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
+from wil_campaign.foundation.files.problems import printable_problem
 from wil_campaign.orchestrator.operator.run_messages import (
     News,
     RunEventReport,
@@ -13,6 +14,9 @@ from wil_campaign.orchestrator.operator.run_messages import (
     VehicleProgress,
 )
 from wil_campaign.orchestrator.run_results.run_result import RunResult
+
+_LONGEST_STATUS_BYTES = 1 << 20
+_LONGEST_SESSION = 64
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,6 +75,17 @@ def verdict_publication(result: RunResult) -> Publication:
         },
         important=True,
     )
+
+
+def session_in_flight(payload: bytes) -> str:
+    """Return the session of a status, for a message; empty where none is in flight by it."""
+    try:
+        status = json.loads(payload[:_LONGEST_STATUS_BYTES])
+    except (ValueError, RecursionError):
+        return ""
+    if not isinstance(status, dict) or status.get("state") not in ("flying", "held", "landing"):
+        return ""
+    return printable_problem(str(status.get("session", ""))[:_LONGEST_SESSION])
 
 
 def status_publication(status: dict[str, Any]) -> Publication:

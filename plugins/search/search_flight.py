@@ -6,8 +6,8 @@ from pathlib import Path
 
 from wil_campaign.campaigns.expansion.expansion import ExpansionOptions
 from wil_campaign.orchestrator.campaign.display_thread import ProgressDisplay
-from wil_campaign.orchestrator.campaign.flight_options import FlightOptions
-from wil_campaign.orchestrator.campaign.folder.bench_lock import held_benches
+from wil_campaign.orchestrator.campaign.flight_options import ClearedCampaign, FlightOptions
+from wil_campaign.orchestrator.campaign.folder.bench_lock import held_benches, held_links
 from wil_campaign.orchestrator.campaign.folder.campaign_folder import require_writable_results
 from wil_campaign.orchestrator.campaign.resuming.attached_vehicles import attached_vehicles
 from wil_campaign.orchestrator.campaign.workers.run_engine import LOCAL
@@ -41,21 +41,31 @@ def fly_search_file(
     SearchError, MissingExtraError, TakenError.
     """
     found = load_search(file, selection)
-    attached = bool(attached_vehicles(found.flown))
+    attached = attached_vehicles(found.flown)
+    links = [link for flown in attached for link in flown.addresses]
     if attached:
         _require_person(found, options)
     require_writable_results(options.out, junit=None)
     start_run_server()
-    # Where a vehicle is attached, the person is asked before each batch.
-    here = clear_for_flight(found.flown, replace(options, arm=not attached))
-    if here.settings:
-        found = load_search(file, replace(selection, sets=(*selection.sets, *here.settings)))
+    with held_benches(found.campaign.benches if attached else ()), held_links(links):
+        # Where a vehicle is attached, the person is asked before each batch.
+        here = clear_for_flight(found.flown, replace(options, arm=not attached))
+        if here.settings:
+            found = load_search(file, replace(selection, sets=(*selection.sets, *here.settings)))
+        return _fly_cleared(found, options, here, display_of, asks=options if attached else None)
+
+
+def _fly_cleared(
+    found: SearchCampaign,
+    options: FlightOptions,
+    here: ClearedCampaign,
+    display_of: Callable[[int], ProgressDisplay],
+    *,
+    asks: FlightOptions | None,
+) -> tuple[SearchCampaign, SearchOutcome]:
+    """Fly a search that is cleared on this machine, on its engine. asks: see BatchEngine."""
     most = most_flights(found.problem(at_once=here.jobs))
-    benches = found.campaign.benches if attached else ()
-    with (
-        held_benches(benches),
-        cleared_on_engine(found.flown, options, here, runs=most, again=True) as cleared,
-    ):
+    with cleared_on_engine(found.flown, options, here, runs=most, again=True) as cleared:
         most = most_flights(found.problem(at_once=cleared.jobs))
         with display_of(most) as display:
             strategy = found.part.strategy
@@ -63,7 +73,6 @@ def fly_search_file(
                 f"{found.campaign.name}: search by {strategy}, at most {most} flights, "
                 f"{cleared.jobs} at a time, {cleared.clock} clock"
             )
-            asks = options if attached else None
             engine = BatchEngine(cleared=cleared, watcher=display, asks=asks)
             return found, fly_search(found, options, cleared, engine, display.say)
 

@@ -7,6 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from wil_campaign.foundation.files.document_writer import to_json
+from wil_campaign.orchestrator.campaign.folder.bench_lock import held_links
+from wil_campaign.orchestrator.campaign.folder.campaign_folder import FolderTakenError, OutputError
 from wil_campaign.orchestrator.campaign.resuming.attached_vehicles import AttachedVehicle
 from wil_campaign.orchestrator.cli.arming_consent import (
     REFUSED,
@@ -41,13 +43,18 @@ def fly_vehicle(link: str | None, *, arm_real: bool, results: Path, as_json: boo
     """Identify the vehicle at a link, and fly it; print the result; return the exit code."""
     try:
         address = _address(link)
-        found = clear_vehicle(address, purpose="a flight of step responses", arm_real=arm_real)
-        _require_figures(found.identity.autopilot)
-        folder = _new_folder(results / "doctor")
-        write_stderr(
-            f"the vehicle flies for three minutes, 4 m forward and 3 m up; frames go to {folder}"
-        )
-        flown = fly_step_responses(found, address, folder=folder, progress=write_stderr)
+        with held_links((address,)):
+            found = clear_vehicle(address, purpose="a flight of step responses", arm_real=arm_real)
+            _require_figures(found.identity.autopilot)
+            folder = _new_folder(results / "doctor")
+            write_stderr(
+                "the vehicle flies for three minutes, 4 m forward and 3 m up; frames go to "
+                f"{folder}"
+            )
+            flown = fly_step_responses(found, address, folder=folder, progress=write_stderr)
+    except (FolderTakenError, OutputError) as error:
+        write_stderr(error)
+        return UNAVAILABLE
     except (FlightRefusedError, VehicleError) as error:
         write_stderr(error)
         return ABORTED if isinstance(error, OperatorAbortError) else check_exit_code(error)

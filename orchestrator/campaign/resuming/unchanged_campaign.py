@@ -1,6 +1,8 @@
 """Finds the folder of a campaign to resume, and checks that the campaign is unchanged."""
 
 import json
+import re
+import time
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -12,6 +14,10 @@ from wil_campaign.orchestrator.campaign.folder.manifest_changes import (
     changed_manifest_keys,
     changed_plugins,
 )
+from wil_campaign.orchestrator.recording.timestamps import folder_stamp
+
+_STAMP = re.compile(r"\d{8}T\d{6}Z")
+"""The name of a campaign's folder begins with it."""
 
 
 class ResumeError(Exception):
@@ -21,7 +27,8 @@ class ResumeError(Exception):
 def resumed_folder(out: Path, campaign: str) -> Path:
     """Return the folder to resume: `out` itself, or the campaign's newest beneath it.
 
-    Raises ResumeError when there is none.
+    Raises ResumeError when there is none, and when its name has a time that is still to come: the
+    clock was set back, and an older name may be the one that was interrupted.
     """
     if (out / "campaign.json").is_file():
         return out
@@ -30,6 +37,11 @@ def resumed_folder(out: Path, campaign: str) -> Path:
         raise ResumeError(
             f"there is nothing to resume: no campaign.json in {out}, nor beneath {out / campaign}; "
             "name the folder by --out"
+        )
+    if (named := _STAMP.match(newest.name)) and named[0] > folder_stamp(time.time()):
+        raise ResumeError(
+            f"{newest} has a time that is still to come: the clock of this machine was set back, "
+            "and the newest folder is not known; name the one to resume by --out"
         )
     return newest
 

@@ -47,8 +47,11 @@ def watch(
     while flying.campaigns or flying.guards:
         seen |= {place.folder: place.name for place in flying.campaigns}
         for place, status in _statuses(flying):
-            line = json.dumps(status) if json_ else status_line(place, status)
-            if json_ or last.get(place.socket) != line:
+            if status is None:
+                line = "" if json_ else f"{place.name}: it does not answer; its state is not known"
+            else:
+                line = json.dumps(status) if json_ else status_line(place, status)
+            if line and (json_ or last.get(place.socket) != line):
                 write_stdout(line)
             last[place.socket] = line
         time.sleep(_EVERY_S)
@@ -73,11 +76,14 @@ def _verdict_line(folder: Path, name: str) -> str:
     return f"{name}: {_WORDS[summary.accepted]}; {required}; results: {folder}"
 
 
-def _statuses(flying: OperatorPlaces) -> Iterator[tuple[OperatorPlace, dict[str, Any]]]:
-    """Return the status of everything in flight, for `watch`."""
+def _statuses(flying: OperatorPlaces) -> Iterator[tuple[OperatorPlace, dict[str, Any] | None]]:
+    """Return the status of everything in flight, for `watch`; None of what does not answer."""
     for place in (*flying.campaigns, *flying.guards):
         try:
             status = ask_operator_socket(place.socket, "status", who="watch")
         except NoAnswerError:
-            continue  # It may just have ended.
+            has_ended = place.process is not None and not place.process.lives
+            if place.socket.exists() and not has_ended:
+                yield place, None
+            continue
         yield place, {key: value for key, value in status.items() if key not in {"ok", "text"}}

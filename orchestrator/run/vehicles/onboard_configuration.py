@@ -19,8 +19,8 @@ from wil_campaign.orchestrator.run.vehicles.preflight_checks import (
 )
 from wil_campaign.orchestrator.run.vehicles.restoration import Restoration
 from wil_campaign.orchestrator.state.parameter_backups import parameter_backup_folder
-from wil_campaign.orchestrator.state.run_setup import RunSetup
-from wil_campaign.orchestrator.state.run_state import RunState
+from wil_campaign.orchestrator.state.run_setup import RunSetup, place_of_vehicle
+from wil_campaign.orchestrator.state.run_state import FlightError, RunState
 from wil_campaign.orchestrator.state.vehicle_context import VehicleContext
 from wil_campaign.vehicles.driver.onboard.fence_backup import restore_fence
 from wil_campaign.vehicles.driver.onboard.parameter_backup import ParameterValue
@@ -79,13 +79,29 @@ class OnboardConfiguration:
         return self._unbooted
 
     async def apply(self, context: VehicleContext) -> None:
-        """Apply a ready vehicle's parameters and fence, each read back. Raises VehicleError."""
+        """Apply a ready vehicle's parameters and fence, each read back.
+
+        Raises VehicleError, and FlightError for another vehicle than was cleared to fly.
+        """
         vehicle = self._setup.flown(context.name)
+        self._require_cleared(context, vehicle)
         restoration = self._restorations[context.name] = Restoration()
         with self._record.step("parameters", context.name) as note:
             note(await self._apply_parameters(context, vehicle, restoration))
         with self._record.step("fence", context.name) as note:
             note(await self.fences.upload(context, restoration))
+
+    def _require_cleared(self, context: VehicleContext, vehicle: FlownSetup) -> None:
+        """Refuse a vehicle in the place of the one that was cleared to fly. Raises FlightError.
+
+        A person has consented to arm that one, and hardware would be flown as a simulation.
+        """
+        place, uid = place_of_vehicle(vehicle), context.driver.identity.uid
+        if (cleared := self._setup.order.uids.get(place, uid)) != uid:
+            raise FlightError(
+                f"another vehicle is there as {place}: its uid is {uid}, and {cleared} was cleared "
+                "to fly; start again to fly this one"
+            )
 
     async def restore(self, *, at_rest: Collection[str]) -> None:
         """Restore the onboard configuration of the vehicles that are confirmed to be at rest.

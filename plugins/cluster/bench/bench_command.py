@@ -10,8 +10,8 @@ from pathlib import Path
 
 from wil_campaign.campaigns.setup.bench_file import Bench, load_benches
 from wil_campaign.foundation.files.problems import printable_problem
-from wil_campaign.orchestrator.campaign.folder.bench_lock import held_benches
-from wil_campaign.orchestrator.campaign.folder.campaign_folder import FolderTakenError
+from wil_campaign.orchestrator.campaign.folder.bench_lock import held_benches, held_links
+from wil_campaign.orchestrator.campaign.folder.campaign_folder import FolderTakenError, OutputError
 from wil_campaign.orchestrator.campaign.workers.run_engine import EngineError
 from wil_campaign.orchestrator.cli.arming_consent import (
     FlightRefusedError,
@@ -96,9 +96,9 @@ def serve(file: Path, *, engine: str) -> int:
                 "--engine ray: a bench joins a running cluster; give --engine ray://HOST:PORT"
             )
             return 2
-        with held_benches((bench,)):
+        with held_benches((bench,)), held_links(bench.vehicle.addresses):
             return _serve_bench(bench, address)
-    except FolderTakenError as error:
+    except (FolderTakenError, OutputError) as error:
         write_stderr(error)
         return 3
     except EngineError as error:

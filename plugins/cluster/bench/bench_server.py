@@ -140,11 +140,29 @@ class BenchServer:
                 node.send(encode_to_node(CommandSent(abort)))
             raise
         finally:
-            node.close()
-            relay.join(_RELAYED_S)
-            _shut(connection)
-            relay.join()
-            self._say(f"bench {self._bench.name} is free")
+            self._await_landing(node, relay, connection)
+
+    def _await_landing(
+        self, node: NodeAgent, relay: threading.Thread, connection: Connection
+    ) -> None:
+        """Wait until what flies has landed, also at a further Ctrl-C, which ends the server then.
+
+        Raises KeyboardInterrupt.
+        """
+        is_interrupted = False
+        while True:
+            try:
+                node.close()
+                relay.join(_RELAYED_S)
+                _shut(connection)
+                relay.join()
+                break
+            except KeyboardInterrupt:
+                is_interrupted = True
+                self._say("still landing; the program ends when the vehicles are down")
+        self._say(f"bench {self._bench.name} is free")
+        if is_interrupted:
+            raise KeyboardInterrupt
 
     def _handle(
         self,

@@ -19,9 +19,11 @@ export async function showReply(path, body) {
     });
     return await response.json();
   } catch (error) {
+    const isLate = error instanceof DOMException && error.name === "TimeoutError";
+    const what = isLate ? "NOT CONFIRMED, and only an abort may still be executed" : "NOT SENT";
     return {
       ok: false,
-      text: `NOT SENT: the console's server does not answer (${error}). Use wil-campaign abort in a terminal.`,
+      text: `${what}: the console's server does not answer (${error}). Use wil-campaign abort in a terminal.`,
     };
   }
 }
@@ -30,8 +32,8 @@ export async function showReply(path, body) {
 export function wireCommands(model) {
   /** @param {string} command */
   const send = async (command) => {
-    model.say(true, `${command}: sent`);
-    const reply = await showReply("/command", { command });
+    model.say(true, `${command}: being sent`);
+    const reply = await showReply("/command", { command, seen_s: model.status?.sent_s });
     // The head shows the progress of an abort, and what did not confirm it.
     if (command === "abort" && reply.is_obeyed) model.reply = null;
     else model.say(reply.ok, reply.text);

@@ -140,7 +140,7 @@ export class FenceEditor {
     if (!include.length) return this.model.say(false, "A fence needs an area to stay in.");
     const up_m = [Number(by("fence-floor").value), Number(by("fence-ceiling").value)];
     const geofence = JSON.stringify({ include, ...(exclude.length && { exclude }), up_m });
-    const reply = await showReply("/command", { command: "geofence", geofence });
+    const reply = await showReply("/command", { command: "geofence", geofence, seen_s: this.model.status?.sent_s });
     this.model.say(reply.ok, reply.text);
     if (reply.ok) this.end();
   }

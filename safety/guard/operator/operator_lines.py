@@ -4,6 +4,7 @@ Each line is one JSON object. Requests:
 {"command": "abort" | "hold" | "resume" | "status" | "watch", "who": "anna", "token": "..."}
 {"command": "abort", "node": "desk", "who": "anna"}, or "bench": for campaigns only
 {"command": "geofence", "geofence": "the text of a file", "id": "a1", "who": "anna"}
+Any but an abort may have "at_s", when it was sent, by CLOCK_MONOTONIC: it is refused 5 s later.
 Answer: {"ok": true, "command": "abort", "text": "...", ...}
 """
 
@@ -16,21 +17,23 @@ from wil_campaign.foundation.files.problems import is_encodable
 from wil_campaign.safety.guard.core.operator_command import OperatorCommand, OperatorKind
 
 LONGEST_LINE_BYTES = 1 << 16
+OLDEST_S = 5.0
+"""What waited longer for a process that stood still is no operator's present wish, but an abort."""
 _LONGEST_WHO = 64
 Query = Literal["status", "watch"]
 _QUERIES: frozenset[str] = frozenset(get_args(Query))
 _WORDS = (*get_args(OperatorKind), *get_args(Query))
-_KEYS = frozenset({"command", "who", "token", "geofence", "id", "node", "bench"})
+_KEYS = frozenset({"command", "who", "token", "geofence", "id", "node", "bench", "at_s"})
 
 
 class RefusedLineError(ValueError):
     """A line of the operator's socket is refused; the message is the reason."""
 
 
-def parse_line(line: bytes, *, token: str = "") -> OperatorCommand | Query:
+def parse_line(line: bytes, *, token: str = "", now_s: float = 0.0) -> OperatorCommand | Query:
     """Return the command or query in an operator's line. Raises RefusedLineError.
 
-    token: the token that the line must hold; empty if none is required.
+    token: the token that the line must hold; empty if none is required. now_s: CLOCK_MONOTONIC.
     """
     if len(line) > LONGEST_LINE_BYTES:
         raise RefusedLineError(f"the line is longer than {LONGEST_LINE_BYTES} bytes")
@@ -55,6 +58,7 @@ def parse_line(line: bytes, *, token: str = "") -> OperatorCommand | Query:
     who = checked_operator_name(request.get("who", "operator"))
     if command in _QUERIES:
         return cast("Query", command)
+    require_fresh(cast("OperatorKind", command), request.get("at_s", now_s), now_s)
     return _command(cast("OperatorKind", command), who, request)
 
 
@@ -72,6 +76,23 @@ def _command(kind: OperatorKind, who: str, request: Mapping[str, Any]) -> Operat
         raise RefusedLineError("geofence must be the text of a file, and id a text not used before")
     _require_whole("geofence and id", document + command_id)
     return OperatorCommand("geofence", who, document=document, command_id=command_id)
+
+
+def require_fresh(
+    kind: OperatorKind, at_s: Any, now_s: float, *, oldest_s: float = OLDEST_S
+) -> None:
+    """Raise RefusedLineError for a command, but an abort, that was sent too long ago.
+
+    at_s, now_s: of one monotonic clock.
+    """
+    if kind == "abort":
+        return
+    if isinstance(at_s, bool) or not isinstance(at_s, int | float):
+        raise RefusedLineError(f"{kind}: when it was sent is not known")
+    if not at_s >= now_s - oldest_s:  # also for NaN
+        raise RefusedLineError(
+            f"{kind}: it was sent more than {oldest_s:g} s ago, and is not executed; give it again"
+        )
 
 
 def _require_whole(what: str, text: str) -> None:

@@ -9,6 +9,7 @@ import contextlib
 import json
 import os
 import socket
+import time
 from collections import OrderedDict
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -183,7 +184,7 @@ class OperatorSocket:
         self, line: bytes, writer: asyncio.StreamWriter
     ) -> OperatorCommand | Query | None:
         try:
-            request = parse_line(line, token=self._token)
+            request = parse_line(line, token=self._token, now_s=time.monotonic())
         except RefusedLineError as error:
             self._refuse(str(error))
             writer.write(answer_line(ok=False, text=str(error)))

@@ -87,6 +87,7 @@ from wil_campaign.safety.guard.process.run_clock import RunClock
 from wil_campaign.safety.guard.process.run_clock_factory import run_clock_of
 from wil_campaign.safety.guard.process.runtime_folder import (
     open_runtime_folder,
+    process_socket_path,
     runtime_folders,
     sweep_runtime_folder,
 )
@@ -247,7 +248,7 @@ class GuardProcess:
     async def _write_record(self, stack: AsyncExitStack, runtime: Path) -> None:
         """Open the operator's socket and write the guard process's record."""
         me = ProcessId.own()
-        path = runtime / f"guard-{me.pid}.sock"
+        path = process_socket_path(runtime, "guard", me)
         path.unlink(missing_ok=True)
         orders = OperatorOrders(
             guard=self._guard,

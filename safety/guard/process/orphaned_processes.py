@@ -12,6 +12,7 @@ from pathlib import Path
 import msgspec
 
 from wil_campaign.foundation.processes.identity import ProcessId
+from wil_campaign.safety.guard.process.runtime_folder import is_socket_served
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -60,8 +61,12 @@ def guard_records(folder: Path) -> tuple[GuardRecord, ...]:
 
 
 def running_guards(folder: Path) -> tuple[GuardRecord, ...]:
-    """Return the records of guards that live, the newest last."""
-    return tuple(record for record in guard_records(folder) if record.guard.lives)
+    """Return the records of guards that live, the newest last; also those of a container."""
+    return tuple(record for record in guard_records(folder) if _is_running(record))
+
+
+def _is_running(record: GuardRecord) -> bool:
+    return record.guard.lives or is_socket_served(Path(record.socket))
 
 
 def _records(folder: Path) -> Iterator[GuardRecord]:
@@ -78,7 +83,7 @@ def reap_orphans(folder: Path) -> tuple[str, ...]:
     """
     done: list[str] = []
     for record in guard_records(folder):
-        if record.guard.lives or (record.owner is not None and record.owner.lives):
+        if _is_running(record) or (record.owner is not None and record.owner.lives):
             continue
         done += [
             f"process {child.pid} is left from {record.run} in {record.folder}: {how}"

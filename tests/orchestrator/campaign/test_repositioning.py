@@ -12,6 +12,7 @@ from tests.orchestrator.operator.controllers import FakeFleet, make_controller
 from wil_campaign.foundation.clocks.virtual_loop import run_virtual
 from wil_campaign.orchestrator.campaign.repositioning import Repositioning
 from wil_campaign.safety.guard.core.operator_command import OperatorCommand
+from wil_campaign.safety.guard.operator.operator_lines import RefusedLineError
 
 
 def test_nothing_is_begun_until_somebody_resumes(tmp_path: Path) -> None:
@@ -87,6 +88,38 @@ async def test_enter_on_the_terminal_is_enough(
             if not controller.held:
                 break
             await asyncio.sleep(0.01)
+    os.close(leader)
+    assert fleet.going
+
+
+@pytest.mark.parametrize("held", ["before", "while the person is asked"])
+async def test_enter_does_not_release_what_an_operator_holds(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, held: str
+) -> None:
+    """As `on_operator_loss: hold`, which says so once."""
+    leader, follower = os.openpty()
+    fleet, said = FakeFleet(flying=0), list[str]()
+    controller = make_controller(tmp_path, fleet, said=said)
+    hold = OperatorCommand("hold", "cli:anna")
+    with os.fdopen(follower, encoding="utf-8") as terminal:
+        monkeypatch.setattr(sys, "stdin", terminal)
+        waiting = Repositioning(vehicles="real", controller=controller, say=said.append)
+        if held == "before":
+            controller.obey(hold)
+        waiting.ask()
+        assert ("press Enter" in said[-1]) == (held != "before")
+        if held != "before":
+            controller.obey(hold)
+        os.write(leader, b"\n")
+        async with asyncio.timeout(10.0):
+            while held != "before" and "held by cli:anna; " not in said[-1]:  # noqa: ASYNC110 - no event
+                await asyncio.sleep(0.01)
+        await asyncio.sleep(0)
+        assert (controller.held, fleet.going) == (True, False)
+        with pytest.raises(RefusedLineError):
+            controller.obey(OperatorCommand("hold", "cli:ben"))
+        controller.obey(OperatorCommand("resume", "cli:ben"))
+        waiting.end_wait()
     os.close(leader)
     assert fleet.going
 

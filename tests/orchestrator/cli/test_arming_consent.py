@@ -248,7 +248,8 @@ def test_a_person_at_a_terminal_is_asked(
     with speaker.speaking():
         if armed:
             cleared = clear_for_flight(campaign(LINK % port), FlightOptions(arm_real=True))
-            assert cleared == ClearedCampaign("wall", 1, "hardware", "real")
+            uids = {f"real at udpin://127.0.0.1:{port}": f"{77:016x}"}
+            assert cleared == ClearedCampaign("wall", 1, "hardware", "real", uids=uids)
         else:
             assert "not confirmed" in str(refused(LINK % port))
     said = screen.getvalue()

@@ -1,7 +1,9 @@
 """The desk: what becomes of commands, and who is told."""
 
+import asyncio
 import json
 import os
+import socket
 import threading
 from collections.abc import Iterator
 from dataclasses import replace
@@ -12,11 +14,13 @@ import pytest
 from tests.orchestrator.operator.controllers import FakeFleet, make_controller
 from wil_campaign.orchestrator.operator.campaign_controller import CampaignController
 from wil_campaign.orchestrator.operator.campaign_records import (
+    CampaignRecord,
     OperatorPlace,
     OperatorPlaces,
     operator_places,
 )
 from wil_campaign.orchestrator.operator.errors import OperatingError
+from wil_campaign.orchestrator.operator.local_commands import send_command
 from wil_campaign.orchestrator.operator.operator_channels import open_operator_channels
 from wil_campaign.orchestrator.operator.run_messages import FlightPlace, RunProgressReport
 from wil_campaign.orchestrator.run_results.run_result import RunResult, SyncResult
@@ -180,14 +184,36 @@ async def test_a_campaign_is_found_by_any_name_of_its_folder(
             assert flying.beneath(tmp_path / "x") == OperatorPlaces((), (flying.guards[1],))
 
 
-async def test_records_of_a_killed_campaign_are_removed(tmp_path: Path, runtime: Path) -> None:
-    async with open_operator_channels(make_controller(tmp_path, FakeFleet())):
-        record = runtime / f"campaign-{os.getpid()}.json"
-        said = json.loads(record.read_text())
-        said["process"]["started"] -= 1
-        record.write_text(json.dumps(said))
-        assert operator_places().campaigns == ()
-        assert left(runtime) == []
+def change_process(runtime: Path, pid: int) -> Path:
+    """Let the one record of a campaign name another process; return its socket."""
+    (path,) = runtime.glob("campaign-*.json")
+    document = json.loads(path.read_text())
+    path.write_text(json.dumps(document | {"process": {"pid": pid, "started": 1}}))
+    return Path(document["socket"])
+
+
+def test_records_of_a_killed_campaign_are_removed(tmp_path: Path, runtime: Path) -> None:
+    CampaignRecord(name="gate", folder=tmp_path).__enter__()
+    with socket.socket(socket.AF_UNIX) as end:
+        end.bind(str(change_process(runtime, os.getpid())))
+    assert operator_places().campaigns == ()
+    assert left(runtime) == []
+
+
+async def test_a_campaign_of_a_container_that_shares_the_folder_is_found_and_lands(
+    tmp_path: Path, runtime: Path
+) -> None:
+    """Its process ids mean nothing here: it was taken for killed, and its socket removed."""
+    controller = make_controller(tmp_path, fleet := FakeFleet())
+    async with open_operator_channels(controller):
+        path = change_process(runtime, 4194303)
+        (place,) = operator_places().campaigns
+        assert (place.socket, place.process) == (path, None)
+        replies = await asyncio.to_thread(
+            lambda: list(send_command(operator_places(), "abort", "anna"))
+        )
+        assert [reply.ok for reply in replies] == [True]
+    assert [command.who for command in fleet.aborted] == ["anna"]
 
 
 @pytest.fixture

@@ -2,6 +2,7 @@
 
 import asyncio
 import json
+import time
 from collections.abc import AsyncIterator
 from pathlib import Path
 
@@ -62,6 +63,11 @@ class Console:
         return f"{self.origin}/#{self.access.invite(role)}"
 
     async def post(self, client: Client, path: str, body: object, **headers: str) -> ClientResponse:
+        if isinstance(body, dict) and path == "/command":
+            body = {
+                "seen_s": time.monotonic(),
+                **body,
+            }  # as the page that has just been sent a status
         data = body if isinstance(body, bytes) else json.dumps(body).encode()
         sent = {"Origin": self.origin, "Content-Type": "application/json", **headers}
         return await client.post(path, data=data, headers=sent)

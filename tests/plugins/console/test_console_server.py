@@ -52,6 +52,32 @@ async def test_commands_take_the_operators_path_with_a_name(console: Console) ->
     ]
 
 
+async def test_a_command_that_comes_too_late_is_refused_but_an_abort(console: Console) -> None:
+    """As after a link that was down: its page has long said that the command was not confirmed."""
+    client = await console.client("operator")
+    long_ago_s = time.monotonic() - 11.0
+    for command in ("hold", "resume", "geofence"):
+        body: dict[str, object] = {"command": command, "seen_s": long_ago_s}
+        body |= {"geofence": "box: {}"} if command == "geofence" else {}
+        late = await console.post(client, "/command", body)
+        said = (await late.json())["text"]
+        assert (late.status, "more than 10 s ago" in said) == (403, True)
+    unknown = await console.post(client, "/command", {"command": "hold", "seen_s": None})
+    assert unknown.status == 403
+    assert console.commands() == []
+    abort = await console.post(client, "/command", {"command": "abort", "seen_s": long_ago_s})
+    assert (abort.status, console.commands()) == (200, [("abort", "console:anna")])
+
+
+async def test_a_status_says_when_it_was_sent(console: Console) -> None:
+    client = await console.client("viewer")
+    console.hub.show_status({"campaigns": [], "guards": [], "problem": ""})
+    socket_ = await client.ws_connect("/live", headers={"Origin": console.origin})
+    while (message := await socket_.receive_json())["type"] != "status":
+        pass
+    assert 0.0 <= time.monotonic() - message["sent_s"] < 5.0
+
+
 async def test_one_operator_has_control_and_every_operator_may_abort(console: Console) -> None:
     anna = await console.client("operator")
     ben = await console.client("operator", "ben")

@@ -13,7 +13,7 @@ from tests.orchestrator.operator.controllers import silent_place
 from tests.orchestrator.report.browser import Page, browser, chromium
 from tests.orchestrator.report.recorded_campaign import CAMPAIGN, WORLD
 from tests.plugins.console.conftest import Console
-from tests.plugins.console.test_two_operators import join, wait_until
+from tests.plugins.console.test_two_operators import FOLDER, join, status, wait_until
 from wil_campaign.orchestrator.live_feed.feed_messages import (
     EventView,
     FactsView,
@@ -28,7 +28,6 @@ from wil_campaign.orchestrator.operator.campaign_records import (
 )
 
 pytestmark = pytest.mark.skipif(chromium() is None, reason="chromium is not installed")
-FOLDER = "/results/gate/20261123T160236Z"
 REFUSED = "real: arming was refused (MAV_CMD_COMPONENT_ARM_DISARM was not answered, sent 6 times)"
 FACTS = {"world": json.dumps(WORLD), "campaign": json.dumps(CAMPAIGN), "case": "large"}
 MARGIN = MarginView("distance", "real", True, "PASS", 0.8, (None, 0.0), "m", 0.8, "")
@@ -77,26 +76,6 @@ def view(name: str, **changes: Any) -> RunView:
         fences={},
     )
     return structs.replace(made, **changes)
-
-
-def status(**changes: Any) -> dict[str, Any]:
-    """Return what the page receives of the campaign."""
-    campaign = {
-        "name": "gate",
-        "folder": FOLDER,
-        "is_answering": True,
-        "problem": "",
-        "held": False,
-        "stopped": None,
-        "total": 10,
-        "finished": {},
-        "reasons": {},
-        "flying": {},
-        "answers": [],
-        "planned": [],
-        "is_over": False,
-    }
-    return {"campaigns": [campaign | changes], "guards": [], "problem": ""}
 
 
 class FakeFeed:

@@ -1,6 +1,7 @@
 """Two operators and a viewer before the same flight, each in a browser of their own."""
 
 import asyncio
+from typing import Any
 
 import pytest
 
@@ -8,12 +9,34 @@ from tests.orchestrator.report.browser import Page, browser, chromium
 from tests.plugins.console.conftest import Console
 
 PATIENCE_S = 60.0
+FOLDER = "/results/gate/20261123T160236Z"
 JOIN = (
     "document.getElementById('name').value = '{name}';"
     "document.querySelector('#join-form button').click()"
 )
 CONTROL = "document.getElementById('control').textContent"
+STATE = "document.getElementById('state').textContent"
 REPLY = "document.getElementById('reply').textContent"
+
+
+def status(**changes: Any) -> dict[str, Any]:
+    """Return what the page receives of the campaign."""
+    campaign = {
+        "name": "gate",
+        "folder": FOLDER,
+        "is_answering": True,
+        "problem": "",
+        "held": False,
+        "stopped": None,
+        "total": 10,
+        "finished": {},
+        "reasons": {},
+        "flying": {},
+        "answers": [],
+        "planned": [],
+        "is_over": False,
+    }
+    return {"campaigns": [campaign | changes], "guards": [], "problem": ""}
 
 
 def is_enabled(name: str) -> str:
@@ -47,6 +70,7 @@ def wait_until(page: Page, script: str, said: str = "") -> None:
 @pytest.mark.skipif(chromium() is None, reason="chromium is not installed")
 async def test_control_is_handed_over_in_sight_of_both(console: Console) -> None:
     links = [console.link("operator"), console.link("operator")]
+    loop = asyncio.get_running_loop()
 
     def look() -> None:
         with browser() as first, browser() as second:
@@ -61,6 +85,9 @@ async def test_control_is_handed_over_in_sight_of_both(console: Console) -> None
                 wait_until(page, CONTROL, "ben has control")
             wait_until(second, is_enabled("hold"))
             wait_until(first, f"!({is_enabled('hold')})")
+            # A command says by the newest status how old what its page shows is.
+            loop.call_soon_threadsafe(console.hub.show_status, status())
+            wait_until(second, STATE, "between runs")
             second.value(click("hold"))
             wait_until(second, REPLY, "held")
             # Abort is every operator's, also of the one who has handed over.

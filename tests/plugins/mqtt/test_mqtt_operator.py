@@ -441,6 +441,27 @@ async def test_a_broker_that_is_not_there_is_an_error_at_the_start(tmp_path: Pat
             pass
 
 
+@pytest.mark.parametrize("state", ["flying", "ended", "lost"])
+async def test_another_start_of_the_campaign_at_the_same_topics_is_reported(
+    tmp_path: Path, state: str
+) -> None:
+    """One campaign flies in every hall, and each replaces the other's reports."""
+    scene, said = Scene(tmp_path), list[str]()
+    scene.controller = make_controller(tmp_path, scene.fleet, said=said)
+    password = ACCESS.passwords["wil"]
+    async with (
+        scene,
+        aiomqtt.Client("127.0.0.1", scene.port, username="wil", password=password) as other,
+    ):
+        for session in ("of hall b", "of hall c"):
+            text = json.dumps({"state": state, "session": session})
+            await other.publish("wil/gate/status", text, qos=1, retain=True)
+        await scene.person.command("hold")  # and the statuses before it are read
+    warned = [text for text in said if "another start of this campaign" in text]
+    assert len(warned) == (state == "flying")
+    assert all("campaign, of hall b: " in text for text in warned)
+
+
 async def test_a_command_after_the_end_is_refused_and_changes_no_status(tmp_path: Path) -> None:
     """The broker kept `landing` of a campaign that had ended, and its exit code was 4."""
     scene = Scene(tmp_path)

@@ -42,7 +42,7 @@ def test_a_program_says_what_a_bench_of_this_machine_needs(
     campaign = wil_campaign.load(path, bench_files=[file])
     said, code = refusal(lambda: wil_campaign.run(path, out=out, bench_files=[str(file)]))
     assert ("--arm-real" in said, code) == (True, 2)
-    with held_benches((bench,)), vehicle_at(port):
+    with held_benches((bench,)):  # it is not asked for its vehicle either, which is in flight
         said, code = refusal(lambda: wil_campaign.run(campaign, out=out, arm_real=True))
     assert ("bench hall-a is in use" in said, code) == (True, 3)
     assert not out.exists()

@@ -11,6 +11,8 @@ from tests.plugins.cluster.bench.test_bench_engine import write_bench
 from tests.plugins.cluster.bench.test_bench_flight import vehicle_at
 from tests.plugins.search.test_search_places import BRIEF, document_of, write_asking
 from tests.ports import free_port
+from wil_campaign.campaigns.setup.bench_file import load_benches
+from wil_campaign.orchestrator.campaign.folder.bench_lock import held_benches
 from wil_campaign.orchestrator.cli import main
 
 
@@ -41,6 +43,18 @@ def test_a_search_on_hardware_needs_a_person_at_the_terminal(
     assert main([*words, "--engine", "ray"]) == 2
     assert "search there with --engine local" in screen.getvalue()
     assert not (tmp_path / "out").exists()
+
+
+def test_a_search_on_a_bench_in_use_is_refused_before_its_vehicle_is_touched(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    words = write_for_hardware(tmp_path, free_port())
+    monkeypatch.setattr(sys, "stdin", Terminal("y\n"))
+    monkeypatch.setattr(sys, "stderr", screen := Terminal())
+    bench = load_benches([Path(words[words.index("--bench-file") + 1])])
+    with held_benches(bench):
+        assert main(words) == 3
+    assert screen.getvalue().startswith("bench hall-a is in use by another wil-campaign")
 
 
 def test_a_search_on_a_bench_asks_before_each_flight_and_ends_without_consent(

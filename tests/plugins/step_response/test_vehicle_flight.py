@@ -21,6 +21,7 @@ from tests.orchestrator.cli.test_arming_consent import Speaker
 from tests.plugins.python.test_mock_vehicle import wait
 from tests.ports import free_port
 from tests.test_house import ROOT
+from wil_campaign.orchestrator.campaign.folder.bench_lock import held_links
 from wil_campaign.orchestrator.campaign.resuming.attached_vehicles import AttachedVehicle
 from wil_campaign.orchestrator.cli import main
 from wil_campaign.plugins.doctor import vehicle_check
@@ -35,6 +36,7 @@ from wil_campaign.plugins.step_response.step_responses import (
 from wil_campaign.vehicles.driver.session.identity import VehicleIdentity
 from wil_campaign.vehicles.driver.vehicle_state import EstimateSample
 from wil_campaign.vehicles.errors import VehicleError
+from wil_campaign.vehicles.links.link_strings import parse_link
 from wil_campaign.worlds.frames import Pose
 
 FLY = ("doctor", "--vehicle", "udpin://127.0.0.1:14540", "--fly", "--arm-real")
@@ -107,6 +109,15 @@ def test_a_board_is_refused_with_the_reason(capsys: pytest.CaptureFixture[str]) 
     said = capsys.readouterr().err
     assert "vehicle reports a board (000000000000004d), not a simulation" in said
     assert "start the firmware as SITL" in said
+
+
+def test_a_vehicle_that_a_campaign_flies_is_not_touched(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    link = f"udpout://127.0.0.1:{free_port()}"
+    with held_links((parse_link(link),)):
+        assert main(["doctor", "--vehicle", link, "--fly", "--arm-real"]) == 3
+    assert capsys.readouterr().err.startswith(f"the vehicle at {link} is in use by another")
 
 
 @pytest.fixture

@@ -290,6 +290,18 @@ def test_the_newest_folder_is_resumed(tmp_path: Path) -> None:
     assert newest is not None
     assert newest.name == names[1]
     assert resumed_folder(newest, "hover") == newest
+    assert resumed_folder(tmp_path, "hover") == newest
+
+
+def test_after_a_clock_was_set_back_the_folder_is_named(tmp_path: Path) -> None:
+    """The newest by its name may be whole, and not the one that was interrupted."""
+    for name in ("20260101T000000Z", "29990101T000000Z"):
+        (tmp_path / "hover" / name).mkdir(parents=True)
+        (tmp_path / "hover" / name / "campaign.json").write_text("{}")
+    with pytest.raises(ResumeError, match="29990101T000000Z has a time that is still to come"):
+        resumed_folder(tmp_path, "hover")
+    older = tmp_path / "hover" / "20260101T000000Z"
+    assert resumed_folder(older, "hover") == older
 
 
 @pytest.mark.usefixtures("quick")

@@ -435,6 +435,22 @@ async def test_a_campaign_that_does_not_answer_is_reached_by_the_guard_of_each_o
     assert "second: the guard has not confirmed" in err
 
 
+async def test_a_program_that_stands_still_is_not_shown_by_its_last_state(
+    cli: Cli, controller: CampaignController, short_folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    del controller
+    monkeypatch.setattr("wil_campaign.orchestrator.operator.socket_client._ANSWER_S", 0.05)
+    monkeypatch.setattr("wil_campaign.orchestrator.cli.commands.watch._EVERY_S", 0.01)
+    (gate,) = operator_places().campaigns
+    with silent_place("gate", gate.folder, short_folder / "gate.sock") as hung:
+        seen = iter([OperatorPlaces((one,), ()) for one in (gate, gate, hung, hung, gate)])
+        show = lambda: next(seen, OperatorPlaces((), ()))  # noqa: E731
+        monkeypatch.setattr("wil_campaign.orchestrator.cli.flight_choice.operator_places", show)
+        _, out, _ = await cli("watch")
+    flying = "gate: 0 of 4 runs; large/wil/1: goal, nothing decided so far"
+    assert out.splitlines()[:2] == [flying, "gate: it does not answer; its state is not known"]
+
+
 async def test_a_campaign_that_stops_answering_has_not_acknowledged(
     cli: Cli, controller: CampaignController, monkeypatch: pytest.MonkeyPatch
 ) -> None:

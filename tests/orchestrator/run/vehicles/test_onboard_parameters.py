@@ -19,6 +19,7 @@ from wil_campaign.orchestrator.run.vehicles.arming_record import ArmingRecord
 from wil_campaign.orchestrator.run.vehicles.onboard_configuration import OnboardConfiguration
 from wil_campaign.orchestrator.run.vehicles.restoration import Restoration
 from wil_campaign.orchestrator.state.parameter_backups import parameter_backup_folder
+from wil_campaign.orchestrator.state.run_state import FlightError
 from wil_campaign.orchestrator.state.vehicle_context import VehicleContext
 from wil_campaign.plugins.injection.injection_setups import InjectionSetup
 from wil_campaign.plugins.injection.injections import (
@@ -63,6 +64,7 @@ class Rig:
         )
         self.noted: list[tuple[str, Mapping[str, Any]]] = []
         self.decided: list[tuple[str, ...]] = []
+        self.uids: dict[str, str] = {}
 
     def onboard(
         self,
@@ -70,7 +72,8 @@ class Rig:
         fences: Mapping[str, Fence] = MappingProxyType({}),
     ) -> OnboardConfiguration:
         campaign = SimpleNamespace(preflight=preflight, fences=fences)
-        setup = SimpleNamespace(flown=lambda _: self.setup, case=campaign)
+        order = SimpleNamespace(uids=self.uids)
+        setup = SimpleNamespace(flown=lambda _: self.setup, case=campaign, order=order)
         run_state = SimpleNamespace(decide=lambda *said: self.decided.append(said), dropped_out={})
 
         def note(event: str, **more: Any) -> None:
@@ -122,6 +125,24 @@ def with_vehicle(
             await script(Rig(vehicle, driver, params))
 
     run_virtual(run())
+
+
+def test_a_vehicle_in_the_place_of_the_one_that_was_cleared_is_not_touched() -> None:
+    """Somebody changed the vehicle between two runs: nobody has consented to arm this one."""
+
+    async def script(rig: Rig) -> None:
+        place = "real at udpin://127.0.0.1:14540"
+        rig.uids[place] = "4d"
+        with pytest.raises(FlightError, match=f"another vehicle is there as {place}: its uid is"):
+            await rig.onboard().apply(rig.context)
+        assert rig.has("COM_OF_LOSS_T") == 1.0
+        rig.uids[place] = rig.context.driver.identity.uid
+        onboard = rig.onboard()
+        await onboard.apply(rig.context)
+        assert rig.has("COM_OF_LOSS_T") == 2.5
+        await onboard.restore(at_rest={"real"})
+
+    with_vehicle("px4", script, params={"COM_OF_LOSS_T": 2.5})
 
 
 @pytest.mark.parametrize(

@@ -197,3 +197,42 @@ def test_ctrl_c_lands_and_ends_the_bench_of_a_campaign_that_stands_still(
     abort = OperatorCommand("abort", "Ctrl-C at the terminal of bench hall-a")
     assert node.sent == [CommandSent(abort)]
     assert shown == ["bench hall-a is free"]
+
+
+class SlowlyLanding(TalkingNode):
+    """A process whose run still lands at the second and third Ctrl-C."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.waits = 0
+        self.ended = threading.Event()
+
+    def receive(self, _: float) -> list[bytes]:
+        self.ended.wait()
+        raise EOFError
+
+    def close(self) -> None:
+        self.waits += 1
+        if self.waits < 3:
+            raise KeyboardInterrupt
+        self.ended.set()
+
+
+def test_a_further_ctrl_c_does_not_end_the_bench_before_the_landing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    node, shown = SlowlyLanding(), list[str]()
+    monkeypatch.setattr(bench_server, "NodeAgent", lambda: node)
+    ours, theirs = Pipe()
+    server = BenchServer(write_bench(tmp_path), consent=lambda _: ConsentAnswer(), say=shown.append)
+    connection: Any = Interrupted(ours)
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            server.serve_campaign(connection)
+        assert node.ended.is_set()
+    finally:
+        node.ended.set()
+        theirs.close()
+    assert [text.partition(";")[0] for text in shown] == [
+        "still landing", "still landing", "bench hall-a is free"
+    ]  # fmt: skip

@@ -2,19 +2,30 @@
 
 import os
 import pwd
+import socket
 from pathlib import Path
 
 import pytest
 
+from wil_campaign.foundation.processes.identity import ProcessId
 from wil_campaign.orchestrator.operator.campaign_records import CampaignRecord, operator_places
+from wil_campaign.safety.guard.process.orphaned_processes import (
+    GuardRecord,
+    reap_orphans,
+    running_guards,
+    write_guard_record,
+)
 from wil_campaign.safety.guard.process.runtime_folder import (
     RuntimeFolderError,
     open_runtime_folder,
+    process_socket_path,
     runtime_folders,
     sweep_runtime_folder,
     unsafe_folders,
 )
 from wil_campaign.vehicles.driver.onboard.crash_safe_file import CrashSafeFile
+
+_MODULE = "wil_campaign.safety.guard.process.runtime_folder"
 
 
 @pytest.fixture(autouse=True)
@@ -95,6 +106,28 @@ def test_a_flight_is_found_where_it_began(usual: Path, other: Path, tmp_path: Pa
         assert runtime_folders() == (other,)
 
 
+@pytest.mark.parametrize("began", ["login", "shell"])
+def test_a_flight_is_found_from_the_users_other_sessions(
+    short_folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, began: str
+) -> None:
+    """A login by systemd has an XDG_RUNTIME_DIR; cron, `su` and `docker exec` have none."""
+    login = short_folder / str(os.getuid())
+    login.mkdir(mode=0o700)
+    monkeypatch.setattr(f"{_MODULE}._LOGINS", short_folder)
+    monkeypatch.setattr(f"{_MODULE}._TEMPORARY", short_folder / "run")
+
+    def come_in_by(session: str) -> None:
+        monkeypatch.setenv("XDG_RUNTIME_DIR", str(login) if session == "login" else "")
+
+    come_in_by(began)
+    with CampaignRecord(name="gate", folder=tmp_path):
+        for session in ("login", "shell"):
+            come_in_by(session)
+            assert [campaign.name for campaign in operator_places().campaigns] == ["gate"]
+        monkeypatch.setenv("XDG_RUNTIME_DIR", str(short_folder / "home"))
+        assert operator_places().campaigns == ()  # as where a test flies beside a real vehicle
+
+
 def test_files_of_dead_processes_are_removed(usual: Path) -> None:
     folder = open_runtime_folder().path
     assert folder == usual
@@ -106,6 +139,38 @@ def test_files_of_dead_processes_are_removed(usual: Path) -> None:
         (folder / name).touch()
     sweep_runtime_folder(folder)
     assert sorted(folder.iterdir()) == sorted(stays)
+
+
+def test_what_a_process_of_a_container_serves_in_the_folder_stays() -> None:
+    """Its process ids mean nothing here; its program and its guard fly."""
+    folder = open_runtime_folder().path
+    campaign, console = (folder / f"{name}-4194303.sock" for name in ("campaign", "console"))
+    guard = ProcessId(4194303, 77)
+    record = GuardRecord(
+        run="1", folder="/1", socket=str(campaign), guard=guard, owner=None, since_s=1.0
+    )
+    with (
+        socket.socket(socket.AF_UNIX) as end,
+        socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as feed,
+    ):
+        end.bind(str(campaign))
+        end.listen()
+        feed.bind(str(console))
+        write_guard_record(folder, record)
+        sweep_runtime_folder(folder)
+        assert reap_orphans(folder) == ()
+        assert running_guards(folder) == (record,)
+        assert {campaign, console} < {*folder.iterdir()}
+    assert running_guards(folder) == ()
+    reap_orphans(folder)
+    sweep_runtime_folder(folder)
+    assert list(folder.iterdir()) == []
+
+
+def test_programs_of_two_containers_have_sockets_of_their_own(usual: Path) -> None:
+    one, other = (process_socket_path(usual, "guard", ProcessId(1, at)) for at in (700, 1 << 36))
+    assert one != other
+    assert max(len(path.name) for path in (one, other)) <= len("pymp-abcdefgh/listener-abcdefgh")
 
 
 def test_a_user_without_a_home_has_the_usual_folder_alone(
