@@ -15,6 +15,7 @@ from wil_campaign.plugins.ardupilot.copter.copter_failsafes import (
 )
 from wil_campaign.plugins.ardupilot.copter.copter_guided import CopterGuided
 from wil_campaign.plugins.ardupilot.copter.copter_modes import CopterMode
+from wil_campaign.plugins.ardupilot.copter.guided_setpoints import GLOBAL_FRAMES
 from wil_campaign.plugins.ardupilot.copter.simulated_wind import simulated_wind
 from wil_campaign.vehicles.embedded.autopilot.aircraft import EmulatedAircraft
 from wil_campaign.vehicles.embedded.autopilot.flight.flight import TiltWatch
@@ -24,6 +25,7 @@ from wil_campaign.vehicles.embedded.autopilot.flight.guidance import (
 )
 from wil_campaign.vehicles.embedded.autopilot.flight.mission_flight import starts_with_takeoff
 from wil_campaign.vehicles.embedded.autopilot.flight.mission_items import EmulatedMissionItem
+from wil_campaign.vehicles.embedded.autopilot.flight.places import is_on_globe
 from wil_campaign.vehicles.embedded.autopilot.flight.sticks import sticks_of_pulses
 from wil_campaign.vehicles.embedded.autopilot.services.command_registry import (
     ACCEPTED,
@@ -33,7 +35,7 @@ from wil_campaign.vehicles.embedded.autopilot.services.command_registry import (
     on_command,
     on_message,
 )
-from wil_campaign.vehicles.embedded.autopilot.services.outbox import CRITICAL, INFO
+from wil_campaign.vehicles.embedded.autopilot.services.outbox import CRITICAL, INFO, WARNING
 
 _PREARM_TEXT_S = 30.0
 """PREARM_DISPLAY_PERIOD of AP_Arming.cpp."""
@@ -112,6 +114,19 @@ class ArduCopter(CopterCore):
         self.stop_motors("command")
         return ACCEPTED
 
+    @on_command(mavlink.MAV_CMD_DO_SET_HOME)
+    def _set_home(self, command: ReceivedCommand) -> int:
+        if self._sets_home_here(command):
+            return super()._set_home(command)
+        if command.params[0] != 0.0 or not is_on_globe(command.x, command.y):
+            return FAILED
+        if command.frame is not None and command.frame not in GLOBAL_FRAMES:
+            return DENIED
+        return super()._set_home(command)
+
+    def _sets_home_here(self, command: ReceivedCommand) -> bool:
+        return command.params[0] == 1.0 or (command.x == 0.0 and command.y == 0.0)
+
     @on_command(mavlink.MAV_CMD_DO_FENCE_ENABLE)
     def _enable_fence(self, command: ReceivedCommand) -> int:
         self.parameters.set("FENCE_ENABLE", 1.0 if command.params[0] == 1.0 else 0.0)
@@ -121,15 +136,16 @@ class ArduCopter(CopterCore):
 
     def choose(self, mode: CopterMode) -> int:
         """Switch ArduCopter to the user's mode if it can run; AUTO needs a mission."""
-        if mode is CopterMode.AUTO and not self._can_begin_mission():
-            self.outbox.send_text(INFO, "Mode change to Auto failed: init failed")
+        flown = self.flight.armed and mode is not self.mode
+        if flown and mode is CopterMode.AUTO and not self._can_begin_mission():
+            self.outbox.send_text(WARNING, "Mode change to AUTO failed: init failed")
             return FAILED
         return super().choose(mode)
 
     def _can_begin_mission(self) -> bool:
         """Return whether ArduCopter has a mission, with a takeoff on the ground."""
         items = self.missions.items[1:]
-        if self.flight.armed and self.flight.landed and not starts_with_takeoff(items):
+        if self.flight.landed and not starts_with_takeoff(items):
             self.outbox.send_text(CRITICAL, "Auto: Missing Takeoff Cmd")
             return False
         return bool(items)

@@ -35,14 +35,19 @@ from wil_campaign.vehicles.embedded.autopilot.flight.guidance import (
 from wil_campaign.vehicles.embedded.autopilot.flight.sticks import StickLimits
 from wil_campaign.vehicles.embedded.autopilot.services.command_registry import (
     ACCEPTED,
+    DENIED,
     FAILED,
     FORCE_ARM,
     FORCE_DISARM,
     ReceivedCommand,
     on_request,
 )
+from wil_campaign.vehicles.embedded.autopilot.services.message_hub import MessageRules
 from wil_campaign.vehicles.embedded.autopilot.services.outbox import EMERGENCY, INFO, WARNING
 from wil_campaign.vehicles.embedded.control.law import ControlLawKind
+
+_SHORTEST_US = 3000.0
+"""The shortest interval of a message at SCHED_LOOP_RATE 400 (GCS::cap_message_interval)."""
 
 LAW = ControlLawKind(
     copter_kernel.step_copter_law,
@@ -63,6 +68,9 @@ class CopterCore(EmulatedAutopilot[CopterMode]):
     name: ClassVar[str] = Strategy.name
     firmware: ClassVar[FirmwareTraits] = FirmwareTraits(
         mav_autopilot=mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA,
+        messages=MessageRules(
+            takes_broadcasts=True, no_stream=DENIED, no_message=FAILED, shortest_us=_SHORTEST_US
+        ),
         parameter_file=Strategy.embedded_parameters,
         bytewise=False,
         strict_parameters=False,
@@ -72,7 +80,7 @@ class CopterCore(EmulatedAutopilot[CopterMode]):
         mode_entries=ENTRIES,
         other_mode=0,
         refused=FAILED,
-        set_mode_ack=mavlink.MAVLINK_MSG_ID_SET_MODE,
+        set_mode_ack=None,  # handle_set_mode sends none
         heights_relative=True,
         numbers_texts=False,
         log_format=DataFlash,
@@ -167,18 +175,21 @@ class CopterCore(EmulatedAutopilot[CopterMode]):
     def set_mode(self, mode: int, submode: int) -> int:  # noqa: ARG002 - PX4 alone has submodes
         """Switch ArduCopter to the user's mode by number, if it can run."""
         wanted = copter_mode(mode)
-        return self.choose(wanted) if wanted is not None else FAILED
+        if wanted is None:
+            self.outbox.send_text(WARNING, f"No such mode {mode}")
+            return FAILED
+        return self.choose(wanted)
 
     def choose(self, mode: CopterMode) -> int:
         """Switch ArduCopter to the user's mode if it can run.
 
         A mode that is flown already goes on as it is (`Copter::set_mode`): choosing GUIDED again
-        does not end a takeoff.
+        does not end a takeoff. Disarmed it takes any mode; arming checks it.
         """
         if mode is self.mode and self.flight.armed:
             self.failsafe = False
             return ACCEPTED
-        if mode.needs_position and not self.position_valid:
+        if self.flight.armed and mode.needs_position and not self.position_valid:
             self.outbox.send_text(WARNING, f"Mode change to {mode.words} failed: requires position")
             return FAILED
         self.failsafe = False
@@ -232,7 +243,8 @@ class CopterCore(EmulatedAutopilot[CopterMode]):
     # Arming.
 
     def _is_forced(self, command: ReceivedCommand) -> bool:
-        return command.params[1] == (FORCE_ARM if command.params[0] == 1.0 else FORCE_DISARM)
+        arms = command.params[0] == 1.0
+        return command.params[1] == FORCE_DISARM or (arms and command.params[1] == FORCE_ARM)
 
     def _begin_flight(self) -> None:
         if self.t_s >= boot.HOME_SET_S:

@@ -86,18 +86,29 @@ class CopterGuided:
             self._receive_setpoint(place)
 
     def _receive_setpoint(self, wanted: WantedMotion | None) -> None:
-        """Fly a setpoint in the air; None stops ArduCopter."""
+        """Fly a setpoint in the air, or stop for None; on the ground it only ends a takeoff."""
         flight = self._flight
-        if not flight.armed or flight.landed or self._copter.taking_off:
+        self._end_takeoff()
+        if not flight.armed or flight.landed:
             return
         self._roi = None
         if wanted is None:
             self._stop()
             return
         self._copter.velocity_at_s = self._copter.t_s if wanted.has_velocity else None
-        self._copter.follow.set(wanted, keep_yaw_rad=flight.law.yaw_setpoint_rad)
+        self._copter.follow.set(
+            wanted,
+            keep_yaw_rad=flight.law.yaw_setpoint_rad,
+            faces_from_m_s=None if wanted.has_heading else self._manoeuvres.faces_from_m_s(),
+        )
         if self._copter.follow not in {flight.behaviour, self.paused}:
             self._fly_guided(self._copter.follow)
+
+    def _end_takeoff(self) -> None:
+        """End a takeoff: a destination has replaced it (SubMode of mode_guided.cpp)."""
+        if self._copter.taking_off:
+            self._copter.taking_off = False
+            self._stop()
 
     def _stop(self) -> None:
         """Stop ArduCopter and follow nothing; a pause ends (ModeGuided::init)."""
@@ -112,9 +123,12 @@ class CopterGuided:
         flight = self._flight
         if not self._is_on or not flight.armed or not flight.landed:
             return FAILED
-        if not (command.z > 0.0 and is_altitude(command.z)):
-            return FAILED
+        if command.frame not in {None, mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT}:
+            return DENIED
         down_m = self._state.home_down_m - command.z
+        higher = down_m < self._state.now.position_ned_m[2]
+        if not (command.z > 0.0 and higher and is_altitude(command.z)):
+            return FAILED
         self.paused = None
         flight.fly(self._manoeuvres.take_off(down_m))
         self._copter.taking_off = True
@@ -149,7 +163,8 @@ class CopterGuided:
         return mission_service.ACCEPTED
 
     def _fly_to(self, position_ned_m: Vec3) -> None:
-        """Fly ArduCopter to a place in GUIDED; ignored on the ground."""
+        """Fly ArduCopter to a place in GUIDED; on the ground it only ends a takeoff."""
+        self._end_takeoff()
         if self._flight.armed and not self._flight.landed:
             self._roi = None
             self._copter.velocity_at_s = None

@@ -183,11 +183,13 @@ class Missions:
         if command.params[1] == 1.0:
             self._has_begun = self._is_complete = False
         seq = command.whole(0)
+        if self._first_item:
+            return ACCEPTED if self.set_current(seq) else DENIED
         return ACCEPTED if seq == -1 or self.set_current(seq) else FAILED
 
     def set_current(self, seq: int) -> bool:
         """Go on with this item; return False where there is none."""
-        if not 0 <= seq < len(self.items):
+        if not 0 <= seq < self._autopilot.state.mission_total:
             return False
         self._autopilot.state.mission_seq = seq
         self._is_complete = False

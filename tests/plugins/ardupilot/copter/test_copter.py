@@ -21,7 +21,11 @@ def copter(rig: Any, **config: Any) -> Any:
     return rig(autopilot="ardupilot", **config)
 
 
-def test_guided_is_refused_before_there_is_a_position(rig: Any, virtually: Scenario) -> None:
+def test_disarmed_it_takes_guided_before_there_is_a_position_and_does_not_arm(
+    rig: Any, virtually: Scenario
+) -> None:
+    """Copter::set_mode ignores its checks while disarmed; arming makes up for it."""
+
     async def scenario() -> None:
         async with copter(rig) as r:
             await asyncio.sleep(10.0)
@@ -29,15 +33,21 @@ def test_guided_is_refused_before_there_is_a_position(rig: Any, virtually: Scena
             await asyncio.sleep(0.1)
             assert "Arm: Need Position Estimate" in r.texts()
             await asyncio.sleep(20.0)
-            # The pre-arm bit is true by now, and still GUIDED cannot be had.
+            # The pre-arm bit is true by now, and still it does not arm in GUIDED.
             assert await r.command(512, mavlink.MAVLINK_MSG_ID_SYS_STATUS) == 0
             bit = mavlink.MAV_SYS_STATUS_PREARM_CHECK
             assert r.last["SYS_STATUS"].onboard_control_sensors_health & bit
+            assert await r.command(176, 1, GUIDED) == 0
+            assert await r.command(400, 1) == FAILED
+            await r.command(176, 1, STABILIZE)
+            assert await r.command(400, 1) == 0
             assert await r.command(176, 1, GUIDED) == FAILED
             await asyncio.sleep(0.1)
-            assert "Mode change to Guided failed: requires position" in r.texts()
+            assert "Mode change to GUIDED failed: requires position" in r.texts()
+            assert await r.command(400, 0) == 0
             await asyncio.sleep(12.0)
             assert await r.command(176, 1, GUIDED) == 0
+            assert await r.command(400, 1) == 0
 
     virtually(scenario())
 
@@ -302,8 +312,9 @@ def test_force_arms_before_ready_and_disarms_in_the_air(rig: Any, virtually: Sce
     async def scenario() -> None:
         async with copter(rig) as r:
             await asyncio.sleep(5.0)
-            assert await r.command(400, 1, 2989) == 0
-            assert await r.command(400, 0) == 0
+            for forced in (2989, 21196):
+                assert await r.command(400, 1, forced) == 0
+                assert await r.command(400, 0) == 0
             await r.hover()
             assert await r.command(400, 0) == FAILED
             assert await r.command(400, 0, 2989) == FAILED
@@ -348,7 +359,8 @@ def test_never_ready_stays_without_position(rig: Any, virtually: Scenario) -> No
     async def scenario() -> None:
         async with copter(rig, never_ready=True) as r:
             await asyncio.sleep(60.0)
-            assert await r.command(176, 1, GUIDED) == FAILED
+            assert await r.command(176, 1, GUIDED) == 0
+            assert await r.command(400, 1) == FAILED
             assert not any("is using GPS" in text for text in r.texts())
 
     virtually(scenario())
@@ -382,3 +394,89 @@ def test_a_velocity_is_flown_whatever_the_waypoint_speed_is(rig: Any, virtually:
             assert r.speed_m_s == pytest.approx(1.2, abs=0.1)
 
     virtually(scenario())
+
+
+def local_setpoint(mask: int, *, position: Any = (0, 0, 0), velocity: Any = (0, 0, 0)) -> Any:
+    return mavlink.MAVLink_set_position_target_local_ned_message(
+        0, 1, 1, 1, mask, *position, *velocity, 0, 0, 0, 0, 0
+    )
+
+
+@pytest.mark.parametrize(
+    ("behaviour", "speed_m_s", "heading_deg"),
+    [(2, 1.0, 90.0), (2, 0.4, 0.0), (3, 1.1, 90.0), (3, 0.9, 0.0), (0, 1.0, 0.0)],
+)
+def test_a_setpoint_without_a_heading_turns_the_nose_to_the_motion(
+    behaviour: int, speed_m_s: float, heading_deg: float
+) -> None:
+    """AutoYaw::default_mode, AC_PosControl::calculate_yaw_and_rate_yaw (4.6); flown beside it."""
+    bare = BareAutopilot("ardupilot", parameters={"WP_YAW_BEHAVIOR": behaviour})
+    bare.hover()
+    for no_heading, wanted_deg in ((1 << 10, 0.0), (1 << 10 | 1 << 11, heading_deg)):
+        bare.send(local_setpoint(0b000111000111 | no_heading, velocity=(0.0, speed_m_s, 0.0)))
+        bare.estimate[4] = speed_m_s
+        bare.run(0.5)
+        target = bare.autopilot.flight.target
+        assert target is not None
+        assert math.degrees(target.yaw_rad or 0.0) == pytest.approx(wanted_deg, abs=0.1)
+        bare.estimate[4] = 0.0
+        bare.send(local_setpoint(0b000111000111, velocity=(0.0, 0.0, 0.0)))
+        bare.run(0.1)
+
+
+@pytest.mark.parametrize("height_m", [0.0, 1.5])
+def test_a_setpoint_ends_a_takeoff(height_m: float) -> None:
+    """The submode of mode_guided.cpp changes; on the ground it then stays there, and disarms."""
+    bare = BareAutopilot("ardupilot")
+    bare.run(42.0)
+    assert (bare.command(176, 1, GUIDED), bare.command(400, 1)) == (0, 0)
+    assert bare.command(22, 0, 0, 0, 0, 0, 0, 3) == 0
+    bare.run(5.0 if height_m else 0.5)
+    bare.height_m = height_m
+    bare.send(local_setpoint(VELOCITY_MASK))
+    bare.run(1.0)
+    assert bare.autopilot.flight.landed is (height_m == 0.0)
+    bare.run(11.0)
+    assert bare.autopilot.flight.armed is (height_m > 0.0)
+
+
+def test_a_takeoff_is_relative_and_upwards() -> None:
+    bare = BareAutopilot("ardupilot")
+    bare.run(42.0)
+    assert (bare.command(176, 1, GUIDED), bare.command(400, 1)) == (0, 0)
+    for frame, z, result in ((0, 500.0, 2), (6, 3.0, 2), (3, 0.0, FAILED), (3, 3.0, 0)):
+        answers = bare.send(
+            mavlink.MAVLink_command_int_message(1, 1, frame, 22, 0, 0, 0, 0, 0, 0, 0, 0, z)
+        )
+        assert [a.result for a in answers if a.get_type() == "COMMAND_ACK"] == [result], frame
+
+
+def test_home_is_set_as_ardupilot_reads_it() -> None:
+    """GCS_MAVLINK::handle_command_do_set_home: zeros are here, heights are by their frame."""
+    bare = BareAutopilot("ardupilot")
+    bare.run(42.0)
+    place = (474000000, 85500000)
+    for frame, z, result in ((6, 5.0, 0), (1, 5.0, 2), (0, 490.0, 0), (6, 5.0, 0)):
+        answers = bare.send(
+            mavlink.MAVLink_command_int_message(1, 1, frame, 179, 0, 0, 0, 0, 0, 0, *place, z)
+        )
+        assert [a.result for a in answers if a.get_type() == "COMMAND_ACK"] == [result], frame
+    assert bare.autopilot.state.home_down_m == pytest.approx(488.0 - 495.0, abs=0.1)
+    assert bare.command(179, 2, 0, 0, 0, 47.4, 8.55, 490.0) == FAILED
+    assert bare.command(179) == 0
+    assert bare.autopilot.state.home_ned_m == pytest.approx((0, 0, 0), abs=0.1)
+
+
+def test_disarmed_it_takes_auto_without_a_mission_and_unknown_modes_are_named() -> None:
+    bare = BareAutopilot("ardupilot")
+    bare.run(42.0)
+    assert bare.command(176, 1, AUTO) == 0
+    assert bare.command(400, 1) == FAILED
+    assert bare.command(176, 1, 99) == FAILED
+    answers = bare.send(mavlink.MAVLink_set_mode_message(1, 1, GUIDED))
+    # GCS_MAVLINK::handle_set_mode acknowledges nothing.
+    assert [each.get_type() for each in answers if each.get_type() == "COMMAND_ACK"] == []
+    texts = [each.text for each in bare.run(0.1) if each.get_type() == "STATUSTEXT"]
+    assert "No such mode 99" in texts
+    assert bare.command(400, 1) == 0
+    assert bare.command(176, 1, AUTO) == FAILED

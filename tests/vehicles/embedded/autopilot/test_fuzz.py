@@ -116,13 +116,12 @@ class Messages:
 ANSWERS = {
     "COMMAND_LONG": "COMMAND_ACK",
     "COMMAND_INT": "COMMAND_ACK",
-    "MISSION_REQUEST_LIST": "MISSION_COUNT",
+    "MISSION_REQUEST_LIST": "MISSION_COUNT, MISSION_ACK",
     "MISSION_CLEAR_ALL": "MISSION_ACK",
     "MISSION_SET_CURRENT": "MISSION_CURRENT",
-    "SET_MODE": "COMMAND_ACK",
     "FILE_TRANSFER_PROTOCOL": "FILE_TRANSFER_PROTOCOL",
 }
-"""What must follow a message, one for one."""
+"""What must follow a message, one for one; of two names one of both."""
 
 
 def answered(rig: Any, sent: dict[str, int], since: int) -> dict[str, tuple[int, int]]:
@@ -133,7 +132,9 @@ def answered(rig: Any, sent: dict[str, int], since: int) -> dict[str, tuple[int,
         if name in ANSWERS:
             due[ANSWERS[name]] = due.get(ANSWERS[name], 0) + count
     return {
-        name: (count, came.count(name)) for name, count in due.items() if came.count(name) < count
+        names: (count, number)
+        for names, count in due.items()
+        if (number := sum(name in names.split(", ") for name in came)) < count
     }
 
 
@@ -179,7 +180,9 @@ def unanswered(bare: BareAutopilot, message: Any) -> str | None:
     """Send a message; return what should have answered it and did not."""
     due = ANSWERS.get(message.get_type())
     got = [each.get_type() for each in bare.send(message)]
-    return None if due is None or got.count(due) == 1 else f"{got} answer {message}"
+    if due is None or sum(name in due.split(", ") for name in got) == 1:
+        return None
+    return f"{got} answer {message}"
 
 
 def bare_autopilot(autopilot: str, *, flying: bool) -> BareAutopilot:

@@ -164,6 +164,8 @@ class Px4(Px4Core):
 
     @on_command(mavlink.MAV_CMD_DO_REPOSITION)
     def _reposition(self, command: ReceivedCommand) -> int:
+        if command.whole(1) != mavlink.MAV_DO_REPOSITION_FLAGS_CHANGE_MODE:
+            return UNSUPPORTED
         if not self.position_valid or not self._may_be_place(command):
             return DENIED
         position = self.place_of(command)
@@ -178,7 +180,33 @@ class Px4(Px4Core):
         if command.params[0] > 0.5 and self.flight.armed:
             self.terminate("Flight termination by command")
             return ACCEPTED
-        return UNSUPPORTED
+        return DENIED
+
+    @on_command(mavlink.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN)
+    def _reboot(self, command: ReceivedCommand) -> int:
+        action = command.whole(0)
+        if action == 0:
+            return ACCEPTED
+        if action != 1 or self.flight.armed:
+            return DENIED
+        self.reboot_requested = True
+        return ACCEPTED
+
+    def _sets_home_here(self, command: ReceivedCommand) -> bool:
+        return command.params[0] > 0.5
+
+    @on_command(mavlink.MAV_CMD_NAV_LAND)
+    def _land(self, _: ReceivedCommand) -> int:
+        return self._choose_saying(Px4Mode.LAND, "Landing at current position\t")
+
+    @on_command(mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH)
+    def _return(self, _: ReceivedCommand) -> int:
+        return self._choose_saying(Px4Mode.RTL, "Returning to launch\t")
+
+    def _choose_saying(self, mode: Px4Mode, text: str) -> int:
+        if not self.flight.armed or self._can_run(mode):
+            self.outbox.send_text(INFO, text)
+        return self.choose(mode)
 
     # Flying.
 

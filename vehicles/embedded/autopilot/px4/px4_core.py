@@ -22,10 +22,17 @@ from wil_campaign.vehicles.embedded.autopilot.flight.mission_items import ItemRu
 from wil_campaign.vehicles.embedded.autopilot.flight.sticks import StickLimits
 from wil_campaign.vehicles.embedded.autopilot.px4 import px4_telemetry
 from wil_campaign.vehicles.embedded.autopilot.px4.px4_behaviors import Px4Manoeuvres
-from wil_campaign.vehicles.embedded.autopilot.px4.px4_modes import ENTRIES, Px4Mode, px4_mode
+from wil_campaign.vehicles.embedded.autopilot.px4.px4_modes import (
+    ENTRIES,
+    NOT_EMULATED,
+    Px4Mode,
+    mode_of_flags,
+    px4_mode,
+)
 from wil_campaign.vehicles.embedded.autopilot.services.command_registry import (
     ACCEPTED,
     DENIED,
+    FAILED,
     FORCE_DISARM,
     TEMPORARILY_REJECTED,
     ReceivedCommand,
@@ -33,6 +40,7 @@ from wil_campaign.vehicles.embedded.autopilot.services.command_registry import (
 )
 from wil_campaign.vehicles.embedded.autopilot.services.fence_items import FENCE_COMMANDS
 from wil_campaign.vehicles.embedded.autopilot.services.log_formats import ULog
+from wil_campaign.vehicles.embedded.autopilot.services.message_hub import MessageRules
 from wil_campaign.vehicles.embedded.autopilot.services.outbox import CRITICAL, EMERGENCY, INFO
 from wil_campaign.vehicles.embedded.control.law import PX4
 
@@ -70,6 +78,7 @@ RULES = ItemRules(
         }
     ),
     nan_is_unset=True,
+    unplaced_frame=mavlink.MAV_FRAME_MISSION,
 )
 """Items of missions, fences and rally points that PX4 accepts (mavlink_mission.cpp, v1.18)."""
 
@@ -80,6 +89,9 @@ class Px4Core(EmulatedAutopilot[Px4Mode]):
     name: ClassVar[str] = Strategy.name
     firmware: ClassVar[FirmwareTraits] = FirmwareTraits(
         mav_autopilot=mavlink.MAV_AUTOPILOT_PX4,
+        messages=MessageRules(
+            takes_broadcasts=False, no_stream=FAILED, no_message=DENIED, shortest_us=None
+        ),
         parameter_file=Strategy.embedded_parameters,
         bytewise=True,
         strict_parameters=True,
@@ -211,9 +223,23 @@ class Px4Core(EmulatedAutopilot[Px4Mode]):
     # Modes.
 
     def set_mode(self, mode: int, submode: int) -> int:
-        """Switch PX4 to the user's mode by its numbers, if it can run."""
-        wanted = px4_mode(mode, submode)
-        return self.choose(wanted) if wanted is not None else DENIED
+        """Switch PX4 to the user's mode by its numbers, if it can run.
+
+        Of numbers that are no mode PX4 refuses an unknown AUTO mode alone (Commander.cpp).
+        """
+        numbers = mode & 0xFF, submode & 0xFF
+        wanted = px4_mode(*numbers)
+        if numbers in NOT_EMULATED:
+            return DENIED
+        if wanted is None and numbers[0] == Px4Mode.MISSION.value[0]:
+            self.outbox.send_text(CRITICAL, "Unsupported auto mode\t")
+            return TEMPORARILY_REJECTED
+        return ACCEPTED if wanted is None else self.choose(wanted)
+
+    def set_base_mode(self, base_mode: int) -> int:
+        """Set PX4's mode by MAV_MODE_FLAGs; flags that name none change nothing."""
+        wanted = mode_of_flags(base_mode)
+        return ACCEPTED if wanted is None else self.choose(wanted)
 
     def choose(self, mode: Px4Mode) -> int:
         """Switch PX4 to the user's mode; while armed only if it can run. Ends a failsafe."""
@@ -277,8 +303,9 @@ class Px4Core(EmulatedAutopilot[Px4Mode]):
     def _is_forced(self, command: ReceivedCommand) -> bool:
         return command.params[1] == FORCE_DISARM
 
-    def _arming_fault(self, *, force: bool) -> str | None:
-        if self.refusal is None and (self._can_arm() or force):
+    def _arming_fault(self, *, force: bool) -> str | None:  # noqa: ARG002 - ArduCopter skips checks
+        # An arm command from outside never skips the checks (Commander.cpp).
+        if self.refusal is None and self._can_arm():
             return None
         return f"Arming denied: {self.refusal or 'Resolve system health failures first'}\t"
 
@@ -286,6 +313,13 @@ class Px4Core(EmulatedAutopilot[Px4Mode]):
         self.state.home_ned_m = self.state.now.position_ned_m
         self.outbox.send_text(INFO, "Armed by external command\t")
         self.flying = False
+
+    def _arming_action(self, number: float) -> float:
+        return math.floor(abs(number) + 0.5) if math.isfinite(number) else 0.0
+
+    @property
+    def _is_on_ground(self) -> bool:
+        return self.flight.landed and not self.flight.takeoff_detected
 
     def _report_not_landed(self) -> None:
         self.outbox.send_text(CRITICAL, "Disarming denied: not landed\t")

@@ -14,6 +14,7 @@ from wil_campaign.vehicles.embedded.autopilot.flight.mission_items import (
     ItemRules,
     mission_item_fault,
     mission_item_of,
+    stored_mission_frame,
 )
 from wil_campaign.vehicles.embedded.autopilot.services.command_registry import on_message
 
@@ -189,18 +190,23 @@ class MissionService:
         self._send(request(*upload.peer, len(upload.items), upload.kind))
 
     def _send_count(self, message: Any) -> None:
-        kind = message.mission_type
-        count = len(self.items(kind))
-        self._send(mavlink.MAVLink_mission_count_message(*_peer(message), count, kind))
+        kind, peer = message.mission_type, _peer(message)
+        if kind not in self._lists and self._home is not None:
+            self._ack(peer, mavlink.MAV_MISSION_UNSUPPORTED, kind)
+            return
+        # Without a mission ArduPilot counts no home, though item 0 can be read.
+        count = len(self._lists.get(kind, ()))
+        self._send(mavlink.MAVLink_mission_count_message(*peer, count, kind))
 
     def _send_item(self, message: Any) -> None:
         kind, peer = message.mission_type, _peer(message)
         items = self.items(kind)
         if message.seq >= len(items):
-            self._ack(peer, mavlink.MAV_MISSION_INVALID_SEQUENCE, kind)
+            self._refuse_request(message, peer)
             return
         item = items[message.seq]
-        head = (*peer, message.seq, item.frame, item.command, 0, item.autocontinue, *item.params)
+        frame = stored_mission_frame(item, self._rules) if kind == MISSION else item.frame
+        head = (*peer, message.seq, frame, item.command, 0, item.autocontinue, *item.params)
         if message.get_type() == "MISSION_REQUEST_INT":
             self._send(
                 mavlink.MAVLink_mission_item_int_message(*head, item.x, item.y, item.z, kind)
@@ -211,6 +217,14 @@ class MissionService:
                     *head, item.x * 1e-7, item.y * 1e-7, item.z, kind
                 )
             )
+
+    def _refuse_request(self, message: Any, peer: tuple[int, int]) -> None:
+        """Answer a request beyond the end; ArduPilot tells a mission's count again."""
+        if self._home is not None and message.mission_type == MISSION:
+            self._send_count(message)
+            self._ack(peer, mavlink.MAV_MISSION_ERROR, MISSION)
+        else:
+            self._ack(peer, mavlink.MAV_MISSION_INVALID_SEQUENCE, message.mission_type)
 
     def _clear(self, message: Any) -> None:
         kind = message.mission_type

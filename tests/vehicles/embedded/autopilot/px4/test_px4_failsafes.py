@@ -86,7 +86,8 @@ def test_it_does_not_arm_outside_its_fence(action: int) -> None:
         "Geofence: approaching or outside geofence\t"
         "Arming denied: Resolve system health failures first\t"
     )
-    assert bare.command(ARM, 1, FORCE) == mavlink.MAV_RESULT_ACCEPTED
+    # Commander::handle_command: an arm command from outside runs the checks, forced or not.
+    assert bare.command(ARM, 1, FORCE) == mavlink.MAV_RESULT_TEMPORARILY_REJECTED
 
 
 def test_a_fence_without_an_action_is_no_matter_of_arming() -> None:

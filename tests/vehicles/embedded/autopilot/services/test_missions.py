@@ -7,6 +7,8 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from tests.vehicles.embedded.autopilot.bare_autopilot import BareAutopilot
+
 Scenario = Callable[[Any], Any]
 BOTH = pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
 GLOBAL_RELATIVE = mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT
@@ -92,12 +94,12 @@ def test_lists_are_uploaded_read_back_and_cleared(
             first = 1 if (autopilot, kind) == ("ardupilot", 0) else 0
             for sent, got in list(zip(items, back, strict=True))[first:]:
                 assert (got.command, got.x, got.y, got.z) == (sent.command, sent.x, sent.y, sent.z)
-                assert (got.frame, got.param1) == (sent.frame, sent.param1)
+                plain = mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT if first else sent.frame
+                assert (got.frame, got.param1) == (plain, sent.param1)
             r.send(mavlink.MAVLink_mission_clear_all_message(1, 1, kind))
             await asyncio.sleep(0.05)
             assert r.last["MISSION_ACK"].type == 0
-            left = 1 if (autopilot, kind) == ("ardupilot", 0) else 0
-            assert len(await download(r, kind)) == left
+            assert await download(r, kind) == []
 
     virtually(scenario())
 
@@ -257,3 +259,52 @@ def test_flies_an_uploaded_mission(rig: Any, virtually: Scenario, autopilot: str
             assert reached == ([0, 1, 2] if autopilot == "px4" else [1, 2, 3])
 
     virtually(scenario())
+
+
+MISSION, ANY = mavlink.MAV_FRAME_MISSION, mavlink.MAV_MISSION_UNSUPPORTED
+
+
+@pytest.mark.parametrize(
+    ("command", "frame", "px4", "copter"),
+    [
+        (16, GLOBAL_RELATIVE, 0, 0),
+        (16, MISSION, ANY, 0),
+        (178, MISSION, 0, 0),
+        (178, GLOBAL_RELATIVE, ANY, 0),
+        (178, mavlink.MAV_FRAME_LOCAL_NED, mavlink.MAV_MISSION_UNSUPPORTED_FRAME, 0),
+    ],
+)
+def test_px4_wants_the_frame_of_an_item_s_kind(
+    command: int, frame: int, px4: int, copter: int
+) -> None:
+    """parse_mavlink_mission_item of PX4; mavlink_int_to_mission_cmd of ArduPilot."""
+    for autopilot, result in (("px4", px4), ("ardupilot", copter)):
+        bare = BareAutopilot(autopilot)
+        bare.run(3.0)
+        bare.send(mavlink.MAVLink_mission_count_message(1, 1, 2, 0))
+        bare.send(item(0, 16, 0, x=474000000, y=85500000, z=5.0))
+        (ack,) = bare.send(item(1, command, 0, frame=frame, params=(1.0, 5.0, -1.0, 0.0)))
+        assert (ack.get_type(), ack.type) == ("MISSION_ACK", result), autopilot
+
+
+def test_arducopter_counts_no_home_without_a_mission_and_sends_plain_frames() -> None:
+    """MissionItemProtocol_Waypoints::get_item, item_count; mission_cmd_to_mavlink_int."""
+    bare = BareAutopilot("ardupilot")
+    bare.run(25.0)
+    ask = mavlink.MAVLink_mission_request_list_message(1, 1, 0)
+    assert [each.count for each in bare.send(ask)] == [0]
+    (refused,) = bare.send(mavlink.MAVLink_mission_request_list_message(1, 1, 9))
+    assert refused.type == mavlink.MAV_MISSION_UNSUPPORTED
+    assert bare.command(224, 0) == mavlink.MAV_RESULT_DENIED
+    bare.send(mavlink.MAVLink_mission_count_message(1, 1, 3, 0))
+    for each in (item(0, 16, 0), item(1, 16, 0, z=5.0), item(2, 178, 0)):
+        bare.send(each)
+    assert [each.count for each in bare.send(ask)] == [3]
+    frames = [
+        bare.send(mavlink.MAVLink_mission_request_int_message(1, 1, seq, 0))[0].frame
+        for seq in range(3)
+    ]
+    assert frames == [0, mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT, 0]
+    count, ack = bare.send(mavlink.MAVLink_mission_request_int_message(1, 1, 3, 0))
+    assert (count.count, ack.type) == (3, mavlink.MAV_MISSION_ERROR)
+    assert [bare.command(224, seq) for seq in (2, 3, -1)] == [0, 2, 2]
