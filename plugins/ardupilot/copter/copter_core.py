@@ -49,6 +49,8 @@ from wil_campaign.vehicles.embedded.control.law import ControlLawKind
 _SHORTEST_US = 3000.0
 """The shortest interval of a message at SCHED_LOOP_RATE 400 (GCS::cap_message_interval)."""
 
+_TAKE_SPEEDS = {CopterMode.AUTO, CopterMode.GUIDED, CopterMode.RTL, CopterMode.SMART_RTL}
+
 LAW = ControlLawKind(
     copter_kernel.step_copter_law,
     copter_kernel.advance_copter_body,
@@ -117,6 +119,11 @@ class CopterCore(EmulatedAutopilot[CopterMode]):
         return self.flight.armed or not self.avoidance.lacks_data(self.t_s)
 
     # Reported state.
+
+    @property
+    def takes_speeds(self) -> bool:
+        """Return whether ArduCopter's mode takes a change of speed (Mode::set_speed_xy)."""
+        return self.mode in _TAKE_SPEEDS
 
     def _custom_mode(self) -> int:
         return self.mode.value

@@ -10,7 +10,6 @@ from wil_campaign.plugins.ardupilot.copter.copter_core import CopterCore
 from wil_campaign.plugins.ardupilot.copter.copter_modes import CopterMode
 from wil_campaign.vehicles.embedded.autopilot.flight.guidance import (
     GuidanceBehaviour,
-    TakeOffBehaviour,
     WantedMotion,
 )
 from wil_campaign.vehicles.embedded.autopilot.flight.mission_flight import (
@@ -188,12 +187,8 @@ class CopterGuided:
         return ACCEPTED
 
     def _face(self, yaw_rad: float) -> None:
-        """Turn the flown behaviour to a heading; a takeoff keeps its own until its end."""
-        behaviour = self._flight.behaviour
-        if isinstance(behaviour, TakeOffBehaviour) and behaviour.done:
-            behaviour = self._manoeuvres.go_to(behaviour.goal_ned_m, radius_m=0.3)
-            self._flight.fly(behaviour)
-        for each in (behaviour, self.paused):
+        """Turn the flown behaviour to a heading."""
+        for each in (self._flight.behaviour, self.paused):
             if each is not None:
                 each.face(yaw_rad)
 

@@ -133,6 +133,7 @@ class EmulatedAutopilot(ABC, Generic[Mode]):
         self.fence = EmulatedFence()
         self._item_lists = mission_service.MissionService(
             send=outbox.send,
+            tell=outbox.send_text,
             clock=lambda: self.t_s,
             accept=self._accept_items,
             home=self._home_item if firmware.first_mission_item else None,
@@ -243,6 +244,11 @@ class EmulatedAutopilot(ABC, Generic[Mode]):
     @abstractmethod
     def _sticks_last_s(self) -> float:
         """Return how long received sticks are valid."""
+
+    @property
+    def takes_speeds(self) -> bool:
+        """Return whether the mode takes a change of speed by command."""
+        return True
 
     @property
     def flies_by_speeds(self) -> bool:

@@ -1,6 +1,5 @@
 """How both emulated autopilots fly and report missions: start, jump, speeds, landing."""
 
-import math
 from typing import Any, Protocol
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
@@ -48,6 +47,10 @@ class MissionAutopilot(Protocol):
     @property
     def flies_missions(self) -> bool:
         """Return whether the mode is that of missions."""
+
+    @property
+    def takes_speeds(self) -> bool:
+        """Return whether the mode takes a change of speed by command."""
 
     @property
     def flies_by_speeds(self) -> bool:
@@ -202,8 +205,8 @@ class Missions:
     def _change_speed(self, command: ReceivedCommand) -> int:
         autopilot = self._autopilot
         kind, speed_m_s = command.params[0], command.params[1]
-        if math.isnan(speed_m_s) or not autopilot.manoeuvres.change_speed(kind, speed_m_s):
-            return DENIED
+        if not autopilot.takes_speeds or not autopilot.manoeuvres.change_speed(kind, speed_m_s):
+            return FAILED
         behaviour = autopilot.flight.behaviour
         if behaviour is not None and autopilot.flies_by_speeds:
             behaviour.change_speeds(autopilot.manoeuvres.speeds())

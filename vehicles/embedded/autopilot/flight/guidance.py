@@ -259,6 +259,7 @@ class TakeOffBehaviour(GuidanceBehaviour):
         self._share = 0.0
         """Of the climb's speed, on the ramp."""
         self.yaw_rad = 0.0
+        self._faced = False
 
     @property
     def lifts(self) -> bool:
@@ -280,7 +281,7 @@ class TakeOffBehaviour(GuidanceBehaviour):
         if self._began_s is None:
             self._began_s = t_s
             self._place = now.position_ned_m[:2]
-            self.yaw_rad = now.euler_rad[2]
+            self.yaw_rad = self.yaw_rad if self._faced else now.euler_rad[2]
         if now.position_ned_m[2] - self.down_m < self._radius_m:
             self.done = True
         share = 1.0
@@ -294,6 +295,10 @@ class TakeOffBehaviour(GuidanceBehaviour):
             )
             self._target, self._share = target, share
         return target
+
+    def face(self, yaw_rad: float) -> None:
+        """Turn to a heading in the climb, or above it."""
+        self.yaw_rad, self._faced, self._target = yaw_rad, True, None
 
 
 class LandProfile(NamedTuple):

@@ -8,6 +8,7 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from tests.vehicles.embedded.autopilot.bare_autopilot import BareAutopilot
+from wil_campaign.vehicles.embedded.autopilot.flight.mission_items import PLACED
 
 Scenario = Callable[[Any], Any]
 BOTH = pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
@@ -16,8 +17,9 @@ GLOBAL_RELATIVE = mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT
 
 def item(seq: int, command: int, kind: int, **values: Any) -> Any:
     params = values.get("params", (0.0, 0.0, 0.0, 0.0))
+    usual = GLOBAL_RELATIVE if kind or command in PLACED else mavlink.MAV_FRAME_MISSION
     return mavlink.MAVLink_mission_item_int_message(
-        1, 1, seq, values.get("frame", GLOBAL_RELATIVE), command, 0, 1, *params,
+        1, 1, seq, values.get("frame", usual), command, 0, 1, *params,
         values.get("x", 0), values.get("y", 0), values.get("z", 0.0), kind,
     )  # fmt: skip
 
@@ -58,6 +60,8 @@ async def download(r: Any, kind: int) -> list[Any]:
         await asyncio.sleep(0.05)
         items.append(r.last["MISSION_ITEM_INT"])
         assert items[-1].seq == seq
+    r.send(mavlink.MAVLink_mission_ack_message(1, 1, 0, kind))
+    await asyncio.sleep(0.05)
     return items
 
 
@@ -128,9 +132,10 @@ def test_a_lost_item_is_asked_for_again(rig: Any, virtually: Scenario, autopilot
         async with rig(autopilot=autopilot) as r:
             await asyncio.sleep(1.0)
             r.send(mavlink.MAVLink_mission_count_message(1, 1, 2, 2))
-            await asyncio.sleep(1.3)
+            await asyncio.sleep(2.1)
             asked = [m.seq for m in requests(r)]
-            assert asked == [0, 0, 0]
+            # MAVLINK_MISSION_RETRY_TIMEOUT_DEFAULT of PX4, recv_timeout_ms of ArduPilot.
+            assert asked == [0] * (9 if autopilot == "px4" else 3)
             # Out of order: asked again for the one that is due.
             r.send(item(1, 5100, 2))
             await asyncio.sleep(0.05)
@@ -141,17 +146,25 @@ def test_a_lost_item_is_asked_for_again(rig: Any, virtually: Scenario, autopilot
             assert r.last["MISSION_ACK"].type == 0
             r.last.pop("MISSION_ACK")
             r.send(mavlink.MAVLink_mission_count_message(1, 1, 2, 2))
-            await asyncio.sleep(6.0)
-            cancelled = mavlink.MAV_MISSION_OPERATION_CANCELLED
-            assert r.last["MISSION_ACK"].type == cancelled
+            await asyncio.sleep(5.5)
+            assert "MISSION_ACK" not in r.last
+            await asyncio.sleep(3.5)
+            if autopilot == "px4":
+                # PX4 acknowledges nothing then.
+                assert "MISSION_ACK" not in r.last
+            else:
+                cancelled = mavlink.MAV_MISSION_OPERATION_CANCELLED
+                assert r.last["MISSION_ACK"].type == cancelled
             r.send(mavlink.MAVLink_mission_request_int_message(1, 1, 99, 2))
             r.send(mavlink.MAVLink_mission_count_message(1, 1, 2, 77))
             await asyncio.sleep(0.05)
-            refused = [m.type for m in r.of("MISSION_ACK")[-2:]]
-            assert refused == [
-                mavlink.MAV_MISSION_INVALID_SEQUENCE,
-                mavlink.MAV_MISSION_UNSUPPORTED,
-            ]
+            refused = [m.type for m in r.of("MISSION_ACK")[1 if autopilot == "px4" else 2 :]]
+            # PX4 answers no request without a list, and of an unknown one none has space.
+            assert refused == (
+                [mavlink.MAV_MISSION_NO_SPACE]
+                if autopilot == "px4"
+                else [mavlink.MAV_MISSION_INVALID_SEQUENCE, mavlink.MAV_MISSION_UNSUPPORTED]
+            )
 
     virtually(scenario())
 
@@ -308,3 +321,46 @@ def test_arducopter_counts_no_home_without_a_mission_and_sends_plain_frames() ->
     count, ack = bare.send(mavlink.MAVLink_mission_request_int_message(1, 1, 3, 0))
     assert (count.count, ack.type) == (3, mavlink.MAV_MISSION_ERROR)
     assert [bare.command(224, seq) for seq in (2, 3, -1)] == [0, 2, 2]
+
+
+def texts_of(bare: BareAutopilot) -> list[str]:
+    return [each.text for each in bare.run(0.04) if each.get_type() == "STATUSTEXT"]
+
+
+def test_px4_takes_nothing_else_until_its_list_is_read() -> None:
+    """mavlink_mission.cpp: MAVLINK_WPM_STATE_SENDLIST; as flown with 1.16."""
+    bare = BareAutopilot("px4")
+    bare.run(3.0)
+    bare.send(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3))
+    bare.run(0.1)
+    count = mavlink.MAVLink_mission_count_message(1, 1, 2, 0)
+    ask = mavlink.MAVLink_mission_request_list_message(1, 1, 0)
+    done = mavlink.MAVLink_mission_ack_message(1, 1, 0, 0)
+    clear = mavlink.MAVLink_mission_clear_all_message(1, 1, 0)
+
+    def wanted(seq: int) -> Any:
+        return mavlink.MAVLink_mission_request_int_message(1, 1, seq, 0)
+
+    def kinds(message: Any) -> list[str]:
+        return [each.get_type() for each in bare.send(message)]
+
+    assert kinds(wanted(0)) == []
+    assert kinds(ask) == ["MISSION_COUNT"]
+    assert bare.send(count)[0].type == mavlink.MAV_MISSION_ERROR
+    assert texts_of(bare) == ["WPM: IGN MISSION_COUNT: Busy\t"]
+    assert kinds(done) == []
+    assert kinds(count) == ["MISSION_REQUEST_INT"]
+    assert kinds(ask) == []
+    bare.send(item(0, 16, 0, z=5.0))
+    assert bare.send(count)[0].type == mavlink.MAV_MISSION_ERROR
+    assert kinds(clear) == []
+    assert bare.send(item(1, 16, 0, z=5.0))[0].type == mavlink.MAV_MISSION_ACCEPTED
+    bare.run(0.1)
+    # In their order, the last one again; one that is not next ends the download.
+    assert kinds(ask) == ["MISSION_COUNT"]
+    assert [kinds(wanted(seq)) for seq in (0, 0, 1)] == 3 * [["MISSION_ITEM_INT"]]
+    assert kinds(wanted(0)) == ["MISSION_ACK"]
+    assert kinds(wanted(1)) == []
+    assert kinds(ask) == ["MISSION_COUNT"]
+    bare.run(5.1)
+    assert kinds(clear) == ["MISSION_ACK"]
