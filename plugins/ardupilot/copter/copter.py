@@ -8,7 +8,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from wil_campaign.plugins.ardupilot.copter import copter_boot as boot
 from wil_campaign.plugins.ardupilot.copter import copter_telemetry
 from wil_campaign.plugins.ardupilot.copter.avoidance import NO_DATA
-from wil_campaign.plugins.ardupilot.copter.copter_core import CopterCore
+from wil_campaign.plugins.ardupilot.copter.copter_core import FLOOR, CopterCore
 from wil_campaign.plugins.ardupilot.copter.copter_failsafes import (
     CopterFailsafeInputs,
     CopterFailsafes,
@@ -41,8 +41,6 @@ _PREARM_TEXT_S = 30.0
 """PREARM_DISPLAY_PERIOD of AP_Arming.cpp."""
 _IN_FLIGHT_YAW_HEIGHT_M = 2.5
 """EKF3 aligns its yaw in flight above this height (EKF3_MAG_FINAL_RESET_ALT)."""
-_ALTITUDE_FENCE, _CIRCLE_FENCE, _POLYGON_FENCE, _FLOOR_FENCE = 1, 2, 4, 8
-"""Bits of FENCE_TYPE."""
 _CRASH_TILT_RAD, _CRASH_AFTER_S = math.radians(60.0), 2.0
 """ATC_ANGLE_MAX of 30 degrees and 30 degrees of error beyond it, for 2 s (crash_check.cpp)."""
 _AFTER_LANDING_S = 0.4
@@ -233,6 +231,7 @@ class ArduCopter(CopterCore):
 
     def _check_failsafes(self) -> None:
         view = CopterFailsafeInputs(
+            t_s=self.t_s,
             gcs_age_s=self.t_s - self.gcs_last_received_s,
             automatic=self.mode.is_autopilot or self.flight.landed,
             charge=self.state.charge,
@@ -241,7 +240,8 @@ class ArduCopter(CopterCore):
         decision = self._failsafes.check(view)
         if decision is None:
             return
-        self.outbox.send_text(decision.severity, decision.text)
+        for text in decision.texts:
+            self.outbox.send_text(WARNING, text)
         if decision.mode is None:
             return
         if self.flight.landed:
@@ -251,21 +251,13 @@ class ArduCopter(CopterCore):
 
     def _broken_fences(self) -> tuple[str, ...]:
         """Return the names of ArduCopter's fences breached here; none when off."""
-        p, here = self.parameters, self.state.now.position_ned_m
-        if not p["FENCE_ENABLE"]:
-            return ()
-        kinds = int(p["FENCE_TYPE"])
-        far_m, height_m = self.manoeuvres.from_home_m()
-        broken: list[str] = []
-        if kinds & _ALTITUDE_FENCE and height_m > p["FENCE_ALT_MAX"]:
-            broken.append("Max Alt")
-        if kinds & _CIRCLE_FENCE and far_m > p["FENCE_RADIUS"]:
-            broken.append("Circle")
-        if kinds & _POLYGON_FENCE and self.fence.breached(here[0], here[1]):
-            broken.append("Polygon")
-        if kinds & _FLOOR_FENCE and not self.flight.landed and height_m < p["FENCE_ALT_MIN"]:
-            broken.append("Min Alt")
-        return tuple(broken)
+        broken = self.fences_broken_at(self.state.now.position_ned_m)
+        return tuple(name for name in broken if not (name == FLOOR and self.flight.landed))
+
+    def _system_status(self) -> int:
+        if self._failsafes.triggered:
+            return int(mavlink.MAV_STATE_CRITICAL)
+        return super()._system_status()
 
     def _stays_armed(self) -> bool:
         return self.taking_off

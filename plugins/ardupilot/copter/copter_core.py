@@ -45,10 +45,14 @@ from wil_campaign.vehicles.embedded.autopilot.services.command_registry import (
 from wil_campaign.vehicles.embedded.autopilot.services.message_hub import MessageRules
 from wil_campaign.vehicles.embedded.autopilot.services.outbox import EMERGENCY, INFO, WARNING
 from wil_campaign.vehicles.embedded.control.law import ControlLawKind
+from wil_campaign.worlds.frames import Vec3
 
 _SHORTEST_US = 3000.0
 """The shortest interval of a message at SCHED_LOOP_RATE 400 (GCS::cap_message_interval)."""
 
+_ALTITUDE_FENCE, _CIRCLE_FENCE, _POLYGON_FENCE, _FLOOR_FENCE = 1, 2, 4, 8
+"""Bits of FENCE_TYPE."""
+FLOOR = "Min Alt"
 _TAKE_SPEEDS = {CopterMode.AUTO, CopterMode.GUIDED, CopterMode.RTL, CopterMode.SMART_RTL}
 
 LAW = ControlLawKind(
@@ -142,8 +146,6 @@ class CopterCore(EmulatedAutopilot[CopterMode]):
     def _system_status(self) -> int:
         if self.t_s < boot.INITIALISED_S:
             return int(mavlink.MAV_STATE_BOOT)
-        if self.failsafe:
-            return int(mavlink.MAV_STATE_CRITICAL)
         return int(mavlink.MAV_STATE_STANDBY if self.flight.landed else mavlink.MAV_STATE_ACTIVE)
 
     @on_request(mavlink.MAVLINK_MSG_ID_SYS_STATUS)
@@ -281,6 +283,23 @@ class CopterCore(EmulatedAutopilot[CopterMode]):
         unplaced = not self._prearm_bit() or (self.mode.needs_position and not self.position_valid)
         fault = self.avoidance.arming_fault(self.t_s)
         return fault or ("Need Position Estimate" if unplaced else None)
+
+    def fences_broken_at(self, place_ned_m: Vec3) -> tuple[str, ...]:
+        """Return the names of ArduCopter's fences that leave a place out; none when off."""
+        p, home = self.parameters, self.state.home_ned_m or (0.0, 0.0, 0.0)
+        kinds = int(p["FENCE_TYPE"]) if p["FENCE_ENABLE"] else 0
+        north, east, down = place_ned_m
+        height_m = home[2] - down
+        out = {
+            _ALTITUDE_FENCE: ("Max Alt", height_m > p["FENCE_ALT_MAX"]),
+            _CIRCLE_FENCE: (
+                "Circle",
+                math.hypot(north - home[0], east - home[1]) > p["FENCE_RADIUS"],
+            ),
+            _POLYGON_FENCE: ("Polygon", bool(kinds) and self.fence.breached(north, east)),
+            _FLOOR_FENCE: (FLOOR, height_m < p["FENCE_ALT_MIN"]),
+        }
+        return tuple(name for bit, (name, broken) in out.items() if kinds & bit and broken)
 
     def stop_motors(self, by: str) -> None:  # noqa: ARG002 - ArduCopter does not say by what
         """Disarm ArduCopter now."""

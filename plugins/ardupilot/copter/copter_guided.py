@@ -87,6 +87,8 @@ class CopterGuided:
     def _receive_setpoint(self, wanted: WantedMotion | None) -> None:
         """Fly a setpoint in the air, or stop for None; on the ground it only ends a takeoff."""
         flight = self._flight
+        if wanted is not None and self._is_outside(wanted.position_ned_m):
+            return
         self._end_takeoff()
         if not flight.armed or flight.landed:
             return
@@ -140,6 +142,8 @@ class CopterGuided:
         change_mode = command.whole(1) & mavlink.MAV_DO_REPOSITION_FLAGS_CHANGE_MODE
         if not command.has_place:
             return DENIED
+        if self._is_outside(self._copter.place_of(command)):
+            return FAILED
         if not self._is_on:
             if not change_mode:
                 return DENIED
@@ -158,8 +162,18 @@ class CopterGuided:
             return int(mavlink.MAV_MISSION_INVALID)
         if not self._is_on:
             return int(mavlink.MAV_MISSION_ERROR)
-        self._fly_to(mission_item_position(item, self._state))
+        place = mission_item_position(item, self._state)
+        if self._is_outside(place):
+            return int(mavlink.MAV_MISSION_ERROR)
+        self._fly_to(place)
         return mission_service.ACCEPTED
+
+    def _is_outside(self, place: tuple[float | None, float | None, float | None]) -> bool:
+        """Return whether a destination is outside of a fence: it is refused, or ignored."""
+        north, east, down = place
+        if north is None or east is None or down is None:
+            return False
+        return bool(self._copter.fences_broken_at((north, east, down)))
 
     def _fly_to(self, position_ned_m: Vec3) -> None:
         """Fly ArduCopter to a place in GUIDED; on the ground it only ends a takeoff."""

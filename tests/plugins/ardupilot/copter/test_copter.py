@@ -298,12 +298,20 @@ def test_a_low_battery_lands_or_returns_as_the_parameters_say(
         async with copter(rig, parameters={**parameters, "BATT_CRT_VOLT": 10.7}) as r:
             await r.hover()
             set_remaining(r.vehicle.body.battery, 0.2)
-            await asyncio.sleep(1.1)
+            # BATT_LOW_TIMER: 10 s below the voltage.
+            await asyncio.sleep(9.0)
+            assert r.custom_mode == GUIDED
+            await asyncio.sleep(2.1)
             assert r.custom_mode == RTL_MODE
+            assert "Battery Failsafe" in r.texts()
             assert any(text.startswith("Battery 1 is low 10.9") for text in r.texts())
             set_remaining(r.vehicle.body.battery, 0.05)
-            await asyncio.sleep(1.1)
+            await asyncio.sleep(11.1)
             assert r.custom_mode == LAND_MODE
+            await r.command(176, 1, GUIDED)
+            set_remaining(r.vehicle.body.battery, 1.0)
+            await asyncio.sleep(1.1)
+            assert (r.custom_mode, r.status) == (GUIDED, mavlink.MAV_STATE_CRITICAL)
 
     virtually(scenario())
 
@@ -480,3 +488,39 @@ def test_disarmed_it_takes_auto_without_a_mission_and_unknown_modes_are_named() 
     assert "No such mode 99" in texts
     assert bare.command(400, 1) == 0
     assert bare.command(176, 1, AUTO) == FAILED
+
+
+def test_a_destination_outside_of_the_fence_is_refused_or_ignored() -> None:
+    """AC_Fence::check_destination_within_fence in ModeGuided::set_destination."""
+    fence = {"FENCE_ENABLE": 1.0, "FENCE_TYPE": 3.0, "FENCE_RADIUS": 30.0, "FENCE_ALT_MAX": 20.0}
+    bare = BareAutopilot("ardupilot", parameters=fence)
+    bare.hover()
+    for north_m, up_m, flown in ((10.0, 5.0, True), (40.0, 5.0, False), (5.0, 25.0, False)):
+        bare.send(local_setpoint(POSITION_MASK, position=(north_m, 0.0, -up_m)))
+        bare.run(0.1)
+        target = bare.autopilot.flight.target
+        assert target is not None
+        assert (target.position_ned_m == (north_m, 0.0, -up_m)) is flown
+        where = bare.autopilot.state.frame.to_geodetic((north_m, 0.0, -up_m))
+        place = (round(where.latitude_deg * 1e7), round(where.longitude_deg * 1e7), up_m)
+        (ack,) = bare.send(
+            mavlink.MAVLink_command_int_message(1, 1, 6, 192, 0, 0, -1, 1, 0, 0, *place)
+        )
+        assert ack.result == (0 if flown else FAILED)
+
+
+def test_a_breach_is_no_failsafe_of_the_heartbeat_and_a_lost_station_is_until_it_is_back() -> None:
+    """Copter::any_failsafe_triggered."""
+    fence = {"FENCE_ENABLE": 1.0, "FENCE_TYPE": 1.0, "FENCE_ALT_MAX": 10.0, "FS_GCS_ENABLE": 1.0}
+    bare = BareAutopilot("ardupilot", parameters=fence)
+    bare.hover()
+    bare.send(HEARTBEAT)
+    bare.height_m = 12.0
+    bare.run(0.1)
+    assert bare.autopilot.mode.value == RTL_MODE
+    assert bare.autopilot._system_status() == mavlink.MAV_STATE_ACTIVE
+    bare.run(6.0)
+    assert bare.autopilot._system_status() == mavlink.MAV_STATE_CRITICAL
+    bare.send(HEARTBEAT)
+    bare.run(0.1)
+    assert bare.autopilot._system_status() == mavlink.MAV_STATE_ACTIVE

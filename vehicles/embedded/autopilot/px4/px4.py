@@ -67,6 +67,9 @@ class Px4(Px4Core):
         )
         self._takeoff_down_m: float | None = None
         self._heading_text_sent = False
+        self._left_offboard = False
+        """Whether it flies a failsafe for lost setpoints: OFFBOARD, which the user chose, goes on
+        once there are setpoints again (FailsafeBase::checkModeFallback)."""
 
     # Setpoints.
 
@@ -104,6 +107,7 @@ class Px4(Px4Core):
         """Switch PX4 to the user's mode; a pending failsafe is dropped."""
         result = super().choose(mode)
         if result == ACCEPTED:
+            self._left_offboard = False
             self._failsafes.on_user_mode()
         return result
 
@@ -243,6 +247,8 @@ class Px4(Px4Core):
             if self.mode.is_manual and self.fresh_sticks() is None:
                 self.outbox.send_text(WARNING, "Manual control lost\t")
                 self.fail(_STICKS_LOST.get(int(self.parameters["NAV_RCL_ACT"]), Px4Mode.RTL))
+            if self._left_offboard and self.setpoints_stream:
+                self.choose(Px4Mode.OFFBOARD)
             decision = self._failsafes.check(self._view())
             if decision is not None:
                 self._act(decision)
@@ -293,6 +299,9 @@ class Px4(Px4Core):
 
     def _act(self, decision: Px4FailsafeDecision) -> None:
         action = decision.action
+        breach = self._breach(self.fence) if decision.cause == "fence" else None
+        if breach is not None:
+            self.outbox.send_text(CRITICAL, breach)
         if action is Px4FailsafeAction.WARN:
             self.outbox.send_text(WARNING, WARNINGS[decision.cause])
         elif action is Px4FailsafeAction.DISARM:
@@ -301,6 +310,7 @@ class Px4(Px4Core):
             self.terminate("Failsafe activated: terminate")
         elif not self.flight.landed or decision.cause == "offboard":
             self.fail(_FAILSAFE_MODES[action])
+            self._left_offboard = decision.cause == "offboard"
 
     def _breach(self, fence: EmulatedFence) -> str | None:
         """Return PX4's text for how the vehicle breaches a fence; None when it does not."""

@@ -14,6 +14,7 @@ from wil_campaign.vehicles.embedded.autopilot.px4.px4_failsafes import (
     Px4FailsafeInputs,
     Px4Failsafes,
 )
+from wil_campaign.vehicles.embedded.autopilot.px4.px4_modes import Px4Mode
 from wil_campaign.vehicles.embedded.autopilot.services.fence_items import EmulatedFence
 from wil_campaign.vehicles.mavlink.fence_areas import FenceCircle
 
@@ -99,3 +100,29 @@ def test_it_does_not_arm_above_its_ceiling() -> None:
     bare.height_m = 20.0
     bare.run(0.1)
     assert bare.command(ARM, 1) == mavlink.MAV_RESULT_TEMPORARILY_REJECTED
+
+
+@pytest.mark.parametrize(
+    ("action", "mode"), [(3, Px4Mode.RTL), (4, Px4Mode.LAND), (5, Px4Mode.HOLD)]
+)
+def test_offboard_goes_on_once_there_are_setpoints_again(action: int, mode: Px4Mode) -> None:
+    """FailsafeBase: OFFBOARD stays what the user wants, until he wants something else."""
+    bare = BareAutopilot("px4", parameters={"COM_OBL_RC_ACT": action})
+    bare.hover()
+    setpoint = mavlink.MAVLink_set_position_target_local_ned_message(
+        0, 1, 1, 1, 0b110111000111, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0
+    )
+    bare.send(setpoint)
+    assert bare.command(176, 1, 6) == mavlink.MAV_RESULT_ACCEPTED
+    bare.run(1.2)
+    assert bare.autopilot.mode is mode
+    bare.send(setpoint)
+    bare.run(0.1)
+    assert bare.autopilot.mode is Px4Mode.OFFBOARD
+    assert not bare.autopilot.failsafe
+    bare.run(1.2)
+    assert bare.autopilot.mode is mode
+    assert bare.command(176, 1, 4, 3) == mavlink.MAV_RESULT_ACCEPTED
+    bare.send(setpoint)
+    bare.run(0.1)
+    assert bare.autopilot.mode is Px4Mode.HOLD
