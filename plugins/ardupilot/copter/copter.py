@@ -101,6 +101,8 @@ class ArduCopter(CopterCore):
 
     def _arming_fault(self, *, force: bool) -> str | None:
         fault = super()._arming_fault(force=force)
+        if fault is None and not force and self._failsafes.has_low_battery:
+            return "Arm: Battery failsafe"
         if fault is None and not force and self._broken_fences():
             return "Arm: vehicle outside fence"
         return fault

@@ -46,7 +46,7 @@ class CopterFailsafeDecision(NamedTuple):
 class CopterFailsafes:
     """ArduCopter's failsafes: one decision per cause; an ended cause may begin again.
 
-    That of a battery does not end before the next arming.
+    That of a battery does not end before the next boot: it does not arm again.
     """
 
     def __init__(self, parameters: ParameterTable) -> None:
@@ -59,9 +59,14 @@ class CopterFailsafes:
         """Return whether the HEARTBEAT says so: a fence does not (any_failsafe_triggered)."""
         return bool(self._active - {"fence"})
 
+    @property
+    def has_low_battery(self) -> bool:
+        """Return whether a battery has failed since the boot."""
+        return any("battery" in cause for cause in self._active)
+
     def reset(self) -> None:
-        """Forget all failsafe causes: ArduCopter was armed."""
-        self._active.clear()
+        """Forget the failsafe causes that do not last: ArduCopter was armed."""
+        self._active = {cause for cause in self._active if "battery" in cause}
 
     def check(self, view: CopterFailsafeInputs) -> CopterFailsafeDecision | None:
         """Return the ArduCopter failsafe to begin now; None when there is no new cause."""

@@ -312,6 +312,11 @@ def test_a_low_battery_lands_or_returns_as_the_parameters_say(
             set_remaining(r.vehicle.body.battery, 1.0)
             await asyncio.sleep(1.1)
             assert (r.custom_mode, r.status) == (GUIDED, mavlink.MAV_STATE_CRITICAL)
+            assert await r.command(185, 1) == 0
+            await asyncio.sleep(3.0)
+            assert await r.command(400, 1) == FAILED
+            await asyncio.sleep(0.1)
+            assert "Arm: Battery failsafe" in r.texts()
 
     virtually(scenario())
 

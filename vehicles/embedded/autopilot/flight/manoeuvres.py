@@ -123,8 +123,8 @@ class Manoeuvres(ABC):
             end_down_m=None if end_m is None else home[2] - end_m,
         )
 
-    def from_home_m(self) -> tuple[float, float]:
-        """Return the vehicle's horizontal distance from home, and its height above home."""
+    def from_home_m(self, place_ned_m: Vec3 | None = None) -> tuple[float, float]:
+        """Return the horizontal distance from home, and the height above it; None: of here."""
         north, east, down = self._state.home_ned_m or (0.0, 0.0, 0.0)
-        here = self._state.now.position_ned_m
+        here = place_ned_m or self._state.now.position_ned_m
         return math.hypot(here[0] - north, here[1] - east), down - here[2]

@@ -45,6 +45,8 @@ _TILT_FOR_S = 0.3
 """FD_FAIL_R_TTRI, FD_FAIL_P_TTRI."""
 _BREAKER_CLOSED = 121212
 """Value of CBRK_FLIGHTTERM that keeps the failure detector from terminating the flight."""
+_GF_WARNS = 1
+"""GF_ACTION up to which no destination is refused."""
 _FAILSAFE_MODES = {
     Px4FailsafeAction.HOLD: Px4Mode.HOLD,
     Px4FailsafeAction.RETURN: Px4Mode.RTL,
@@ -174,7 +176,10 @@ class Px4(Px4Core):
             return DENIED
         position = self.place_of(command)
         result = self.choose(Px4Mode.HOLD)
-        if result == ACCEPTED and not self.flight.landed:
+        acts = int(self.parameters["GF_ACTION"]) > _GF_WARNS
+        if acts and self._breach(self.fence, position) is not None:
+            self.outbox.send_text(CRITICAL, "Reposition is outside geofence\t")
+        elif result == ACCEPTED and not self.flight.landed:
             speed, _, _, yaw = command.params
             self.flight.fly(self.manoeuvres.go_to(position, speed_m_s=speed, yaw_rad=yaw))
         return result
@@ -309,13 +314,13 @@ class Px4(Px4Core):
         elif action is Px4FailsafeAction.TERMINATE:
             self.terminate("Failsafe activated: terminate")
         elif not self.flight.landed or decision.cause == "offboard":
-            self.fail(_FAILSAFE_MODES[action])
+            self.fail(_FAILSAFE_MODES[action], hold_s=decision.hold_s)
             self._left_offboard = decision.cause == "offboard"
 
-    def _breach(self, fence: EmulatedFence) -> str | None:
-        """Return PX4's text for how the vehicle breaches a fence; None when it does not."""
-        p, here = self.parameters, self.state.now.position_ned_m
-        far_m, high_m = self.manoeuvres.from_home_m()
+    def _breach(self, fence: EmulatedFence, place_ned_m: Vec3 | None = None) -> str | None:
+        """Return PX4's text for how the vehicle, or a place, breaches a fence; None if not."""
+        p, here = self.parameters, place_ned_m or self.state.now.position_ned_m
+        far_m, high_m = self.manoeuvres.from_home_m(here)
         if 0.0 < p["GF_MAX_HOR_DIST"] < far_m:
             return "Geofence: exceeding maximum distance to Home"
         if 0.0 < p["GF_MAX_VER_DIST"] < high_m:

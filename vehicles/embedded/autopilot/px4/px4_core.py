@@ -22,6 +22,7 @@ from wil_campaign.vehicles.embedded.autopilot.flight.mission_items import ItemRu
 from wil_campaign.vehicles.embedded.autopilot.flight.sticks import StickLimits
 from wil_campaign.vehicles.embedded.autopilot.px4 import px4_telemetry
 from wil_campaign.vehicles.embedded.autopilot.px4.px4_behaviors import Px4Manoeuvres
+from wil_campaign.vehicles.embedded.autopilot.px4.px4_failsafes import GCS_SILENT_AFTER_S
 from wil_campaign.vehicles.embedded.autopilot.px4.px4_modes import (
     ENTRIES,
     NOT_EMULATED,
@@ -43,9 +44,6 @@ from wil_campaign.vehicles.embedded.autopilot.services.log_formats import ULog
 from wil_campaign.vehicles.embedded.autopilot.services.message_hub import MessageRules
 from wil_campaign.vehicles.embedded.autopilot.services.outbox import CRITICAL, EMERGENCY, INFO
 from wil_campaign.vehicles.embedded.control.law import PX4
-
-_GCS_SILENT_AFTER_S = 2.5
-"""A ground station whose last heartbeat is older counts as gone (mavlink_receiver.cpp)."""
 
 # Seconds since boot, from the reference trace.
 _POSITION_S = 3.2
@@ -163,7 +161,7 @@ class Px4Core(EmulatedAutopilot[Px4Mode]):
         return self._can_arm()
 
     def _sends_texts(self) -> bool:
-        return self.t_s - self.gcs_last_received_s <= _GCS_SILENT_AFTER_S
+        return self.t_s - self.gcs_last_received_s <= GCS_SILENT_AFTER_S
 
     # Reported state.
 
@@ -263,11 +261,15 @@ class Px4Core(EmulatedAutopilot[Px4Mode]):
             return self.missions.is_uploaded
         return self.position_valid
 
-    def fail(self, mode: Px4Mode) -> None:
-        """Begin a PX4 failsafe: fly its mode until the user chooses another."""
+    def fail(self, mode: Px4Mode, *, hold_s: float = 0.0) -> None:
+        """Begin a PX4 failsafe: fly its mode until the user chooses another.
+
+        hold_s: for how long it holds before it acts.
+        """
         self.failsafe = True
         self._failsafe_at_s = self.t_s
-        self.outbox.send_text(CRITICAL, "Failsafe activated\t")
+        after = f": entering Hold for {hold_s:.0f} seconds" if hold_s > 0.0 else ""
+        self.outbox.send_text(CRITICAL, f"Failsafe activated{after}\t")
         self.enter(mode)
 
     def _behaviour(self, mode: Px4Mode) -> GuidanceBehaviour:

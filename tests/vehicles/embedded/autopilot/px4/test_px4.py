@@ -133,7 +133,10 @@ def test_a_lost_ground_station_is_held_for_then_acted_on(rig: Any, virtually: Sc
         async with px4(rig, parameters={"NAV_DLL_ACT": 2, "COM_DL_LOSS_T": 5}) as r:
             await r.hover()
             r.silence()
-            assert await r.until(lambda: r.vehicle.autopilot.failsafe) == pytest.approx(5, abs=0.6)
+            # COM_DL_LOSS_T, once the heartbeat counts as gone after 2.5 s.
+            assert await r.until(lambda: r.vehicle.autopilot.failsafe) == pytest.approx(
+                7.5, abs=0.6
+            )
             await asyncio.sleep(1.0)
             assert r.custom_mode == HOLD
             await asyncio.sleep(5.5)

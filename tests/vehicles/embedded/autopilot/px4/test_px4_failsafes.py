@@ -6,6 +6,7 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from tests.vehicles.embedded.autopilot.bare_autopilot import BareAutopilot
+from wil_campaign.vehicles.embedded.autopilot.flight.guidance import GoToBehaviour
 from wil_campaign.vehicles.embedded.autopilot.flight.parameter_table import load_parameters
 from wil_campaign.vehicles.embedded.autopilot.px4.px4 import Px4
 from wil_campaign.vehicles.embedded.autopilot.px4.px4_failsafes import (
@@ -126,3 +127,18 @@ def test_offboard_goes_on_once_there_are_setpoints_again(action: int, mode: Px4M
     bare.send(setpoint)
     bare.run(0.1)
     assert bare.autopilot.mode is Px4Mode.HOLD
+
+
+@pytest.mark.parametrize(("action", "goes"), [(1, True), (2, False)])
+def test_a_reposition_outside_of_its_fence_holds(action: int, goes: bool) -> None:
+    """Navigator::geofence_allows_position; commander has accepted it by then."""
+    bare = BareAutopilot("px4", parameters={"GF_ACTION": action, "GF_MAX_HOR_DIST": 20.0})
+    bare.hover()
+    bare.send(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3))
+    where = bare.autopilot.state.frame.to_geodetic((30.0, 0.0, -3.0))
+    place = (where.latitude_deg, where.longitude_deg, where.altitude_m)
+    nan = float("nan")
+    assert bare.command(192, -1, 1, 0, nan, *place) == mavlink.MAV_RESULT_ACCEPTED
+    texts = [each.text for each in bare.run(0.1) if each.get_type() == "STATUSTEXT"]
+    assert ("Reposition is outside geofence\t" in texts) is not goes
+    assert isinstance(bare.autopilot.flight.behaviour, GoToBehaviour) is goes
