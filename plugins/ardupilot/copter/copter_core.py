@@ -102,12 +102,18 @@ class CopterCore(EmulatedAutopilot[CopterMode]):
 
     def __init__(self, aircraft: EmulatedAircraft) -> None:
         super().__init__(aircraft, rates_hz=copter_telemetry.RATES_HZ, mode=CopterMode.STABILIZE)
+        if "BATT_LOW_VOLT" not in aircraft.overrides:
+            self._fit_low_voltage(aircraft.body.battery.empty_v)
         self.manoeuvres = CopterManoeuvres(self.parameters, self.state)
         self.taking_off = False
         self.avoidance = SimpleAvoidance(self.parameters)
         self.follow = self._new_follow()
         self.velocity_at_s: float | None = None
         """Time of arrival of the velocity setpoint being flown; None without one."""
+
+    def _fit_low_voltage(self, empty_v: float) -> None:
+        """Have the default suit the pack: one of two cells is always below that of three."""
+        self.parameters.set("BATT_LOW_VOLT", min(empty_v, self.parameters["BATT_LOW_VOLT"]))
 
     # Readiness.
 

@@ -8,6 +8,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from tests.vehicles.embedded.autopilot.bare_autopilot import BareAutopilot
 from tests.vehicles.embedded.charge import set_remaining
+from wil_campaign.vehicles.embedded.profile import load_profile
 
 STABILIZE, AUTO, GUIDED, LOITER, RTL_MODE, LAND_MODE, BRAKE = 0, 3, 4, 5, 6, 9, 17
 HEARTBEAT = mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3)
@@ -529,3 +530,12 @@ def test_a_breach_is_no_failsafe_of_the_heartbeat_and_a_lost_station_is_until_it
     bare.send(HEARTBEAT)
     bare.run(0.1)
     assert bare.autopilot._system_status() == mavlink.MAV_STATE_ACTIVE
+
+
+@pytest.mark.parametrize(("profile", "volts"), [("cage", 6.6), ("nominal", 10.5)])
+def test_the_low_voltage_suits_the_pack_unless_it_is_given(profile: str, volts: float) -> None:
+    read = mavlink.MAVLink_param_request_read_message(1, 1, b"BATT_LOW_VOLT", -1)
+    for given, wanted in (({}, volts), ({"BATT_LOW_VOLT": 9.0}, 9.0)):
+        bare = BareAutopilot("ardupilot", profile=load_profile(profile), parameters=given)
+        (value,) = bare.send(read)
+        assert value.param_value == pytest.approx(wanted)
