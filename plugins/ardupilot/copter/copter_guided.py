@@ -140,7 +140,8 @@ class CopterGuided:
         if command.frame is None:
             return UNSUPPORTED
         change_mode = command.whole(1) & mavlink.MAV_DO_REPOSITION_FLAGS_CHANGE_MODE
-        if not command.has_place:
+        nowhere = command.x == 0.0 and command.y == 0.0
+        if nowhere or not command.has_place or command.frame not in guided_setpoints.GLOBAL_FRAMES:
             return DENIED
         if self._is_outside(self._copter.place_of(command)):
             return FAILED

@@ -245,6 +245,10 @@ class EmulatedAutopilot(ABC, Generic[Mode]):
     def _sticks_last_s(self) -> float:
         """Return how long received sticks are valid."""
 
+    def mission_fault(self, items: tuple[EmulatedMissionItem, ...]) -> str | None:  # noqa: ARG002 - PX4 looks at them
+        """Return the text for why the firmware does not fly a mission; None when it does."""
+        return None
+
     @property
     def takes_speeds(self) -> bool:
         """Return whether the mode takes a change of speed by command."""
@@ -533,7 +537,7 @@ class EmulatedAutopilot(ABC, Generic[Mode]):
                 self.fence = fence
             return result
         if kind == mission_service.MISSION:
-            self.missions.accept(len(items))
+            self.missions.accept(items)
         return mission_service.ACCEPTED
 
     def _home_item(self) -> EmulatedMissionItem:

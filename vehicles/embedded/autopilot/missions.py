@@ -29,7 +29,7 @@ from wil_campaign.vehicles.embedded.autopilot.services.mission_service import (
     MISSION,
     MissionService,
 )
-from wil_campaign.vehicles.embedded.autopilot.services.outbox import Outbox
+from wil_campaign.vehicles.embedded.autopilot.services.outbox import CRITICAL, Outbox
 
 
 class MissionAutopilot(Protocol):
@@ -56,6 +56,9 @@ class MissionAutopilot(Protocol):
     def flies_by_speeds(self) -> bool:
         """Return whether a changed speed holds for what is flown now."""
 
+    def mission_fault(self, items: tuple[EmulatedMissionItem, ...]) -> str | None:
+        """Return the text for why the firmware does not fly a mission; None when it does."""
+
     def return_home(self) -> GuidanceBehaviour:
         """Return the behaviour that flies home."""
 
@@ -79,7 +82,7 @@ class Missions:
         self._service = service
         self._no_items = no_items
         self._first_item = autopilot.firmware.first_mission_item
-        self._has_begun = self._is_complete = False
+        self._has_begun = self._is_complete = self._is_refused = False
 
     @property
     def items(self) -> tuple[EmulatedMissionItem, ...]:
@@ -88,13 +91,16 @@ class Missions:
 
     @property
     def is_uploaded(self) -> bool:
-        """Return whether the autopilot has a user's mission."""
-        return self._autopilot.state.mission_total > self._first_item
+        """Return whether the autopilot has a user's mission that it flies."""
+        return not self._is_refused and self._autopilot.state.mission_total > self._first_item
 
-    def accept(self, count: int) -> None:
-        """Note an uploaded mission of so many items."""
-        state = self._autopilot.state
-        state.mission_seq, state.mission_total = 0, count
+    def accept(self, items: tuple[EmulatedMissionItem, ...]) -> None:
+        """Note an uploaded mission."""
+        state, fault = self._autopilot.state, self._autopilot.mission_fault(items)
+        self._is_refused = fault is not None
+        if fault is not None:
+            self._autopilot.outbox.send_text(CRITICAL, f"{fault}\t")
+        state.mission_seq, state.mission_total = 0, len(items)
         self._has_begun = self._is_complete = False
 
     # Flying.

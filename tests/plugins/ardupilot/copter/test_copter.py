@@ -513,6 +513,11 @@ def test_a_destination_outside_of_the_fence_is_refused_or_ignored() -> None:
             mavlink.MAVLink_command_int_message(1, 1, 6, 192, 0, 0, -1, 1, 0, 0, *place)
         )
         assert ack.result == (0 if flown else FAILED)
+    for frame, x in ((1, place[0]), (6, 0)):
+        (ack,) = bare.send(
+            mavlink.MAVLink_command_int_message(1, 1, frame, 192, 0, 0, -1, 1, 0, 0, x, 0, 5.0)
+        )
+        assert ack.result == mavlink.MAV_RESULT_DENIED
 
 
 def test_a_breach_is_no_failsafe_of_the_heartbeat_and_a_lost_station_is_until_it_is_back() -> None:

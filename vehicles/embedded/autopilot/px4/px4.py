@@ -13,11 +13,13 @@ from wil_campaign.vehicles.embedded.autopilot.flight.guidance import (
     TakeOffBehaviour,
     WantedMotion,
 )
+from wil_campaign.vehicles.embedded.autopilot.flight.mission_items import EmulatedMissionItem
 from wil_campaign.vehicles.embedded.autopilot.flight.places import is_altitude, is_on_globe
 from wil_campaign.vehicles.embedded.autopilot.flight.setpoint_targets import (
     global_setpoint,
     local_setpoint,
 )
+from wil_campaign.vehicles.embedded.autopilot.px4 import px4_feasibility
 from wil_campaign.vehicles.embedded.autopilot.px4.px4_core import Px4Core
 from wil_campaign.vehicles.embedded.autopilot.px4.px4_failsafes import (
     WARNINGS,
@@ -153,7 +155,17 @@ class Px4(Px4Core):
         if first >= 0:
             self.missions.set_current(int(first))
         result = self.choose(Px4Mode.MISSION)
-        return result if result != ACCEPTED else self.arm(force=False)
+        if result != ACCEPTED:
+            return result
+        self.armed_by, usual = "mission start", self.armed_by
+        result = self.arm(force=False)
+        self.armed_by = usual
+        return result
+
+    def mission_fault(self, items: tuple[EmulatedMissionItem, ...]) -> str | None:
+        """Return PX4's text for why it does not fly a mission; None when it does."""
+        home_amsl_m = self.state.frame.altitude_m - self.state.home_down_m
+        return px4_feasibility.mission_fault(items, home_amsl_m=home_amsl_m)
 
     def lift(self, down_m: float) -> GuidanceBehaviour | None:
         """Return the climb that PX4 flies before a waypoint when it is on the ground."""

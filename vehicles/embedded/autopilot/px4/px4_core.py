@@ -119,6 +119,7 @@ class Px4Core(EmulatedAutopilot[Px4Mode]):
         super().__init__(aircraft, rates_hz=rates_hz, mode=Px4Mode.HOLD)
         self.manoeuvres = Px4Manoeuvres(self.parameters, self.state)
         self.terminated = False
+        self.armed_by = "external command"
         self.flying = False
         """Whether takeoff is detected, and landing not yet."""
         self.setpoint_at_s = -math.inf
@@ -313,7 +314,7 @@ class Px4Core(EmulatedAutopilot[Px4Mode]):
 
     def _begin_flight(self) -> None:
         self.state.home_ned_m = self.state.now.position_ned_m
-        self.outbox.send_text(INFO, "Armed by external command\t")
+        self.outbox.send_text(INFO, f"Armed by {self.armed_by}\t")
         self.flying = False
 
     def _arming_action(self, number: float) -> float:

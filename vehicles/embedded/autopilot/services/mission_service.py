@@ -196,6 +196,9 @@ class MissionService:
             self._reject(peer, kind, "WPM: IGN MISSION_COUNT: Busy\t")
         elif self._home is None and upload is not None and upload.items:
             self._reject(peer, kind, "WPM: REJ. CMD: Busy\t")
+        elif self._home is None and upload is not None and kind == upload.kind:
+            # The request may have been lost; PX4 keeps the first count.
+            self._request_next(upload, t_s)
         elif message.count > _MAX_ITEMS:
             self._ack(peer, mavlink.MAV_MISSION_NO_SPACE, kind)
         elif message.count == 0:

@@ -364,3 +364,31 @@ def test_px4_takes_nothing_else_until_its_list_is_read() -> None:
     assert kinds(ask) == ["MISSION_COUNT"]
     bare.run(5.1)
     assert kinds(clear) == ["MISSION_ACK"]
+
+
+@pytest.mark.parametrize(
+    ("items", "why"),
+    [
+        ([(21, 0.0)], "starts with land waypoint."),
+        ([(22, 0.0)], "Takeoff altitude below home altitude!"),
+        ([(16, 5.0), (22, 5.0)], "takeoff not first waypoint item"),
+        ([(178, 0.0), (22, 5.0), (21, 0.0)], None),
+    ],
+)
+def test_px4_does_not_fly_a_mission_that_is_not_feasible(
+    items: list[tuple[int, float]], why: str | None
+) -> None:
+    """FeasibilityChecker.cpp; the upload is accepted all the same."""
+    bare = BareAutopilot("px4")
+    bare.run(7.0)
+    bare.send(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3))
+    bare.run(0.1)
+    count = mavlink.MAVLink_mission_count_message(1, 1, len(items), 0)
+    bare.send(count)
+    assert bare.send(count)[0].seq == 0
+    for seq, (command, z) in enumerate(items):
+        (answer,) = bare.send(item(seq, command, 0, x=474000000, y=85500000, z=z))
+    assert answer.type == mavlink.MAV_MISSION_ACCEPTED
+    assert "".join(texts_of(bare)) == ("" if why is None else f"Mission rejected: {why}\t")
+    result = mavlink.MAV_RESULT_ACCEPTED if why is None else mavlink.MAV_RESULT_DENIED
+    assert bare.command(300) == result
