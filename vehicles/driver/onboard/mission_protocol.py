@@ -153,7 +153,9 @@ class MissionProtocol:
                 return bool(answer.get_type() == "MISSION_ACK")
 
             async with self._transfer():
-                await self._check(which, await self._exchange(which, message, is_ack))
+                # PX4 says nothing to this while it is busy with a transfer.
+                answer = await self._exchange(which, message, is_ack, again=self._end_transfers)
+                await self._check(which, answer)
 
     @asynccontextmanager
     async def _transfer(self) -> AsyncIterator[None]:
@@ -238,12 +240,23 @@ class MissionProtocol:
         self._session.send(done)
         return tuple(items)
 
-    async def _exchange(self, which: ItemList, message: Any, fits: Callable[[Any], bool]) -> Any:
-        """Send a mission message until a fitting reply of this list arrives."""
+    async def _exchange(
+        self,
+        which: ItemList,
+        message: Any,
+        fits: Callable[[Any], bool],
+        again: Callable[[], None] = lambda: None,
+    ) -> Any:
+        """Send a mission message until a fitting reply of this list arrives.
+
+        again: called before each repetition.
+        """
         if self._inbox is None:
             raise RuntimeError("no operation has opened the inbox")
         loop = asyncio.get_running_loop()
-        for _ in range(self._tries):
+        for attempt in range(self._tries):
+            if attempt:
+                again()
             self._session.send(message)
             deadline_s = loop.time() + self._timeout_s
             try:
