@@ -8,13 +8,14 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from wil_campaign.plugins.ardupilot.copter import copter_boot as boot
 from wil_campaign.plugins.ardupilot.copter import copter_telemetry
 from wil_campaign.plugins.ardupilot.copter.avoidance import NO_DATA
-from wil_campaign.plugins.ardupilot.copter.copter_core import CopterCore
+from wil_campaign.plugins.ardupilot.copter.copter_core import FLOOR, CopterCore
 from wil_campaign.plugins.ardupilot.copter.copter_failsafes import (
     CopterFailsafeInputs,
     CopterFailsafes,
 )
 from wil_campaign.plugins.ardupilot.copter.copter_guided import CopterGuided
 from wil_campaign.plugins.ardupilot.copter.copter_modes import CopterMode
+from wil_campaign.plugins.ardupilot.copter.guided_setpoints import GLOBAL_FRAMES
 from wil_campaign.plugins.ardupilot.copter.simulated_wind import simulated_wind
 from wil_campaign.vehicles.embedded.autopilot.aircraft import EmulatedAircraft
 from wil_campaign.vehicles.embedded.autopilot.flight.flight import TiltWatch
@@ -24,6 +25,7 @@ from wil_campaign.vehicles.embedded.autopilot.flight.guidance import (
 )
 from wil_campaign.vehicles.embedded.autopilot.flight.mission_flight import starts_with_takeoff
 from wil_campaign.vehicles.embedded.autopilot.flight.mission_items import EmulatedMissionItem
+from wil_campaign.vehicles.embedded.autopilot.flight.places import is_on_globe
 from wil_campaign.vehicles.embedded.autopilot.flight.sticks import sticks_of_pulses
 from wil_campaign.vehicles.embedded.autopilot.services.command_registry import (
     ACCEPTED,
@@ -33,14 +35,12 @@ from wil_campaign.vehicles.embedded.autopilot.services.command_registry import (
     on_command,
     on_message,
 )
-from wil_campaign.vehicles.embedded.autopilot.services.outbox import CRITICAL, INFO
+from wil_campaign.vehicles.embedded.autopilot.services.outbox import CRITICAL, INFO, WARNING
 
 _PREARM_TEXT_S = 30.0
 """PREARM_DISPLAY_PERIOD of AP_Arming.cpp."""
 _IN_FLIGHT_YAW_HEIGHT_M = 2.5
 """EKF3 aligns its yaw in flight above this height (EKF3_MAG_FINAL_RESET_ALT)."""
-_ALTITUDE_FENCE, _CIRCLE_FENCE, _POLYGON_FENCE, _FLOOR_FENCE = 1, 2, 4, 8
-"""Bits of FENCE_TYPE."""
 _CRASH_TILT_RAD, _CRASH_AFTER_S = math.radians(60.0), 2.0
 """ATC_ANGLE_MAX of 30 degrees and 30 degrees of error beyond it, for 2 s (crash_check.cpp)."""
 _AFTER_LANDING_S = 0.4
@@ -101,6 +101,8 @@ class ArduCopter(CopterCore):
 
     def _arming_fault(self, *, force: bool) -> str | None:
         fault = super()._arming_fault(force=force)
+        if fault is None and not force and self._failsafes.has_low_battery:
+            return "Arm: Battery failsafe"
         if fault is None and not force and self._broken_fences():
             return "Arm: vehicle outside fence"
         return fault
@@ -112,6 +114,19 @@ class ArduCopter(CopterCore):
         self.stop_motors("command")
         return ACCEPTED
 
+    @on_command(mavlink.MAV_CMD_DO_SET_HOME)
+    def _set_home(self, command: ReceivedCommand) -> int:
+        if self._sets_home_here(command):
+            return super()._set_home(command)
+        if command.params[0] != 0.0 or not is_on_globe(command.x, command.y):
+            return FAILED
+        if command.frame is not None and command.frame not in GLOBAL_FRAMES:
+            return DENIED
+        return super()._set_home(command)
+
+    def _sets_home_here(self, command: ReceivedCommand) -> bool:
+        return command.params[0] == 1.0 or (command.x == 0.0 and command.y == 0.0)
+
     @on_command(mavlink.MAV_CMD_DO_FENCE_ENABLE)
     def _enable_fence(self, command: ReceivedCommand) -> int:
         self.parameters.set("FENCE_ENABLE", 1.0 if command.params[0] == 1.0 else 0.0)
@@ -121,15 +136,16 @@ class ArduCopter(CopterCore):
 
     def choose(self, mode: CopterMode) -> int:
         """Switch ArduCopter to the user's mode if it can run; AUTO needs a mission."""
-        if mode is CopterMode.AUTO and not self._can_begin_mission():
-            self.outbox.send_text(INFO, "Mode change to Auto failed: init failed")
+        flown = self.flight.armed and mode is not self.mode
+        if flown and mode is CopterMode.AUTO and not self._can_begin_mission():
+            self.outbox.send_text(WARNING, "Mode change to AUTO failed: init failed")
             return FAILED
         return super().choose(mode)
 
     def _can_begin_mission(self) -> bool:
         """Return whether ArduCopter has a mission, with a takeoff on the ground."""
         items = self.missions.items[1:]
-        if self.flight.armed and self.flight.landed and not starts_with_takeoff(items):
+        if self.flight.landed and not starts_with_takeoff(items):
             self.outbox.send_text(CRITICAL, "Auto: Missing Takeoff Cmd")
             return False
         return bool(items)
@@ -217,6 +233,7 @@ class ArduCopter(CopterCore):
 
     def _check_failsafes(self) -> None:
         view = CopterFailsafeInputs(
+            t_s=self.t_s,
             gcs_age_s=self.t_s - self.gcs_last_received_s,
             automatic=self.mode.is_autopilot or self.flight.landed,
             charge=self.state.charge,
@@ -225,7 +242,8 @@ class ArduCopter(CopterCore):
         decision = self._failsafes.check(view)
         if decision is None:
             return
-        self.outbox.send_text(decision.severity, decision.text)
+        for text in decision.texts:
+            self.outbox.send_text(WARNING, text)
         if decision.mode is None:
             return
         if self.flight.landed:
@@ -235,21 +253,13 @@ class ArduCopter(CopterCore):
 
     def _broken_fences(self) -> tuple[str, ...]:
         """Return the names of ArduCopter's fences breached here; none when off."""
-        p, here = self.parameters, self.state.now.position_ned_m
-        if not p["FENCE_ENABLE"]:
-            return ()
-        kinds = int(p["FENCE_TYPE"])
-        far_m, height_m = self.manoeuvres.from_home_m()
-        broken: list[str] = []
-        if kinds & _ALTITUDE_FENCE and height_m > p["FENCE_ALT_MAX"]:
-            broken.append("Max Alt")
-        if kinds & _CIRCLE_FENCE and far_m > p["FENCE_RADIUS"]:
-            broken.append("Circle")
-        if kinds & _POLYGON_FENCE and self.fence.breached(here[0], here[1]):
-            broken.append("Polygon")
-        if kinds & _FLOOR_FENCE and not self.flight.landed and height_m < p["FENCE_ALT_MIN"]:
-            broken.append("Min Alt")
-        return tuple(broken)
+        broken = self.fences_broken_at(self.state.now.position_ned_m)
+        return tuple(name for name in broken if not (name == FLOOR and self.flight.landed))
+
+    def _system_status(self) -> int:
+        if self._failsafes.triggered:
+            return int(mavlink.MAV_STATE_CRITICAL)
+        return super()._system_status()
 
     def _stays_armed(self) -> bool:
         return self.taking_off

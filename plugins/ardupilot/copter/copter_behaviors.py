@@ -14,7 +14,11 @@ from wil_campaign.worlds.frames import Vec3
 
 _FACES_WAYPOINT = {1, 2}
 """Values of WP_YAW_BEHAVIOR that turn the nose to the next waypoint."""
+_LOOKS_AHEAD, _AHEAD_FROM_M_S = 3, 1.0
+"""Value of WP_YAW_BEHAVIOR that turns the nose to the motion; YAW_LOOK_AHEAD_MIN_SPEED."""
 _FACE_BEYOND_M = 2.0
+_FACE_SHARE = 0.05
+"""Share of WPNAV_SPEED from which the nose points where it flies (calculate_yaw_and_rate_yaw)."""
 _TAKEOFF_RADIUS_M = 0.22
 _MIN_CLIMB_M = 2.5
 """RTL_ABS_MIN_CLIMB."""
@@ -66,6 +70,13 @@ class CopterManoeuvres(Manoeuvres):
         fast = self._metres("LAND_SPEED_HIGH") or self._metres("WPNAV_SPEED_DN")
         low_m = self._metres("LAND_ALT_LOW")
         return LandProfile(((low_m + 0.01, fast), (low_m, self._metres("LAND_SPEED"))))
+
+    def faces_from_m_s(self) -> float | None:
+        """Return the speed from which the nose points where it flies, if no heading is given."""
+        behaviour = int(self._p["WP_YAW_BEHAVIOR"])
+        if behaviour == _LOOKS_AHEAD:
+            return _AHEAD_FROM_M_S
+        return _FACE_SHARE * self.speeds().across if behaviour in _FACES_WAYPOINT else None
 
     def take_off(self, down_m: float) -> TakeOffBehaviour:
         """Return ArduCopter's climb to a local height."""

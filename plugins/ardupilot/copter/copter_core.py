@@ -35,14 +35,25 @@ from wil_campaign.vehicles.embedded.autopilot.flight.guidance import (
 from wil_campaign.vehicles.embedded.autopilot.flight.sticks import StickLimits
 from wil_campaign.vehicles.embedded.autopilot.services.command_registry import (
     ACCEPTED,
+    DENIED,
     FAILED,
     FORCE_ARM,
     FORCE_DISARM,
     ReceivedCommand,
     on_request,
 )
+from wil_campaign.vehicles.embedded.autopilot.services.message_hub import MessageRules
 from wil_campaign.vehicles.embedded.autopilot.services.outbox import EMERGENCY, INFO, WARNING
 from wil_campaign.vehicles.embedded.control.law import ControlLawKind
+from wil_campaign.worlds.frames import Vec3
+
+_SHORTEST_US = 3000.0
+"""The shortest interval of a message at SCHED_LOOP_RATE 400 (GCS::cap_message_interval)."""
+
+_ALTITUDE_FENCE, _CIRCLE_FENCE, _POLYGON_FENCE, _FLOOR_FENCE = 1, 2, 4, 8
+"""Bits of FENCE_TYPE."""
+FLOOR = "Min Alt"
+_TAKE_SPEEDS = {CopterMode.AUTO, CopterMode.GUIDED, CopterMode.RTL, CopterMode.SMART_RTL}
 
 LAW = ControlLawKind(
     copter_kernel.step_copter_law,
@@ -63,6 +74,9 @@ class CopterCore(EmulatedAutopilot[CopterMode]):
     name: ClassVar[str] = Strategy.name
     firmware: ClassVar[FirmwareTraits] = FirmwareTraits(
         mav_autopilot=mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA,
+        messages=MessageRules(
+            takes_broadcasts=True, no_stream=DENIED, no_message=FAILED, shortest_us=_SHORTEST_US
+        ),
         parameter_file=Strategy.embedded_parameters,
         bytewise=False,
         strict_parameters=False,
@@ -72,7 +86,7 @@ class CopterCore(EmulatedAutopilot[CopterMode]):
         mode_entries=ENTRIES,
         other_mode=0,
         refused=FAILED,
-        set_mode_ack=mavlink.MAVLINK_MSG_ID_SET_MODE,
+        set_mode_ack=None,  # handle_set_mode sends none
         heights_relative=True,
         numbers_texts=False,
         log_format=DataFlash,
@@ -88,12 +102,18 @@ class CopterCore(EmulatedAutopilot[CopterMode]):
 
     def __init__(self, aircraft: EmulatedAircraft) -> None:
         super().__init__(aircraft, rates_hz=copter_telemetry.RATES_HZ, mode=CopterMode.STABILIZE)
+        if "BATT_LOW_VOLT" not in aircraft.overrides:
+            self._fit_low_voltage(aircraft.body.battery.empty_v)
         self.manoeuvres = CopterManoeuvres(self.parameters, self.state)
         self.taking_off = False
         self.avoidance = SimpleAvoidance(self.parameters)
         self.follow = self._new_follow()
         self.velocity_at_s: float | None = None
         """Time of arrival of the velocity setpoint being flown; None without one."""
+
+    def _fit_low_voltage(self, empty_v: float) -> None:
+        """Have the default suit the pack: one of two cells is always below that of three."""
+        self.parameters.set("BATT_LOW_VOLT", min(empty_v, self.parameters["BATT_LOW_VOLT"]))
 
     # Readiness.
 
@@ -109,6 +129,11 @@ class CopterCore(EmulatedAutopilot[CopterMode]):
         return self.flight.armed or not self.avoidance.lacks_data(self.t_s)
 
     # Reported state.
+
+    @property
+    def takes_speeds(self) -> bool:
+        """Return whether ArduCopter's mode takes a change of speed (Mode::set_speed_xy)."""
+        return self.mode in _TAKE_SPEEDS
 
     def _custom_mode(self) -> int:
         return self.mode.value
@@ -127,8 +152,6 @@ class CopterCore(EmulatedAutopilot[CopterMode]):
     def _system_status(self) -> int:
         if self.t_s < boot.INITIALISED_S:
             return int(mavlink.MAV_STATE_BOOT)
-        if self.failsafe:
-            return int(mavlink.MAV_STATE_CRITICAL)
         return int(mavlink.MAV_STATE_STANDBY if self.flight.landed else mavlink.MAV_STATE_ACTIVE)
 
     @on_request(mavlink.MAVLINK_MSG_ID_SYS_STATUS)
@@ -167,18 +190,21 @@ class CopterCore(EmulatedAutopilot[CopterMode]):
     def set_mode(self, mode: int, submode: int) -> int:  # noqa: ARG002 - PX4 alone has submodes
         """Switch ArduCopter to the user's mode by number, if it can run."""
         wanted = copter_mode(mode)
-        return self.choose(wanted) if wanted is not None else FAILED
+        if wanted is None:
+            self.outbox.send_text(WARNING, f"No such mode {mode}")
+            return FAILED
+        return self.choose(wanted)
 
     def choose(self, mode: CopterMode) -> int:
         """Switch ArduCopter to the user's mode if it can run.
 
         A mode that is flown already goes on as it is (`Copter::set_mode`): choosing GUIDED again
-        does not end a takeoff.
+        does not end a takeoff. Disarmed it takes any mode; arming checks it.
         """
         if mode is self.mode and self.flight.armed:
             self.failsafe = False
             return ACCEPTED
-        if mode.needs_position and not self.position_valid:
+        if self.flight.armed and mode.needs_position and not self.position_valid:
             self.outbox.send_text(WARNING, f"Mode change to {mode.words} failed: requires position")
             return FAILED
         self.failsafe = False
@@ -232,7 +258,8 @@ class CopterCore(EmulatedAutopilot[CopterMode]):
     # Arming.
 
     def _is_forced(self, command: ReceivedCommand) -> bool:
-        return command.params[1] == (FORCE_ARM if command.params[0] == 1.0 else FORCE_DISARM)
+        arms = command.params[0] == 1.0
+        return command.params[1] == FORCE_DISARM or (arms and command.params[1] == FORCE_ARM)
 
     def _begin_flight(self) -> None:
         if self.t_s >= boot.HOME_SET_S:
@@ -262,6 +289,23 @@ class CopterCore(EmulatedAutopilot[CopterMode]):
         unplaced = not self._prearm_bit() or (self.mode.needs_position and not self.position_valid)
         fault = self.avoidance.arming_fault(self.t_s)
         return fault or ("Need Position Estimate" if unplaced else None)
+
+    def fences_broken_at(self, place_ned_m: Vec3) -> tuple[str, ...]:
+        """Return the names of ArduCopter's fences that leave a place out; none when off."""
+        p, home = self.parameters, self.state.home_ned_m or (0.0, 0.0, 0.0)
+        kinds = int(p["FENCE_TYPE"]) if p["FENCE_ENABLE"] else 0
+        north, east, down = place_ned_m
+        height_m = home[2] - down
+        out = {
+            _ALTITUDE_FENCE: ("Max Alt", height_m > p["FENCE_ALT_MAX"]),
+            _CIRCLE_FENCE: (
+                "Circle",
+                math.hypot(north - home[0], east - home[1]) > p["FENCE_RADIUS"],
+            ),
+            _POLYGON_FENCE: ("Polygon", bool(kinds) and self.fence.breached(north, east)),
+            _FLOOR_FENCE: (FLOOR, height_m < p["FENCE_ALT_MIN"]),
+        }
+        return tuple(name for bit, (name, broken) in out.items() if kinds & bit and broken)
 
     def stop_motors(self, by: str) -> None:  # noqa: ARG002 - ArduCopter does not say by what
         """Disarm ArduCopter now."""

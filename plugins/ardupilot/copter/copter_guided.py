@@ -10,7 +10,6 @@ from wil_campaign.plugins.ardupilot.copter.copter_core import CopterCore
 from wil_campaign.plugins.ardupilot.copter.copter_modes import CopterMode
 from wil_campaign.vehicles.embedded.autopilot.flight.guidance import (
     GuidanceBehaviour,
-    TakeOffBehaviour,
     WantedMotion,
 )
 from wil_campaign.vehicles.embedded.autopilot.flight.mission_flight import (
@@ -86,18 +85,31 @@ class CopterGuided:
             self._receive_setpoint(place)
 
     def _receive_setpoint(self, wanted: WantedMotion | None) -> None:
-        """Fly a setpoint in the air; None stops ArduCopter."""
+        """Fly a setpoint in the air, or stop for None; on the ground it only ends a takeoff."""
         flight = self._flight
-        if not flight.armed or flight.landed or self._copter.taking_off:
+        if wanted is not None and self._is_outside(wanted.position_ned_m):
+            return
+        self._end_takeoff()
+        if not flight.armed or flight.landed:
             return
         self._roi = None
         if wanted is None:
             self._stop()
             return
         self._copter.velocity_at_s = self._copter.t_s if wanted.has_velocity else None
-        self._copter.follow.set(wanted, keep_yaw_rad=flight.law.yaw_setpoint_rad)
+        self._copter.follow.set(
+            wanted,
+            keep_yaw_rad=flight.law.yaw_setpoint_rad,
+            faces_from_m_s=None if wanted.has_heading else self._manoeuvres.faces_from_m_s(),
+        )
         if self._copter.follow not in {flight.behaviour, self.paused}:
             self._fly_guided(self._copter.follow)
+
+    def _end_takeoff(self) -> None:
+        """End a takeoff: a destination has replaced it (SubMode of mode_guided.cpp)."""
+        if self._copter.taking_off:
+            self._copter.taking_off = False
+            self._stop()
 
     def _stop(self) -> None:
         """Stop ArduCopter and follow nothing; a pause ends (ModeGuided::init)."""
@@ -112,9 +124,12 @@ class CopterGuided:
         flight = self._flight
         if not self._is_on or not flight.armed or not flight.landed:
             return FAILED
-        if not (command.z > 0.0 and is_altitude(command.z)):
-            return FAILED
+        if command.frame not in {None, mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT}:
+            return DENIED
         down_m = self._state.home_down_m - command.z
+        higher = down_m < self._state.now.position_ned_m[2]
+        if not (command.z > 0.0 and higher and is_altitude(command.z)):
+            return FAILED
         self.paused = None
         flight.fly(self._manoeuvres.take_off(down_m))
         self._copter.taking_off = True
@@ -125,8 +140,11 @@ class CopterGuided:
         if command.frame is None:
             return UNSUPPORTED
         change_mode = command.whole(1) & mavlink.MAV_DO_REPOSITION_FLAGS_CHANGE_MODE
-        if not command.has_place:
+        nowhere = command.x == 0.0 and command.y == 0.0
+        if nowhere or not command.has_place or command.frame not in guided_setpoints.GLOBAL_FRAMES:
             return DENIED
+        if self._is_outside(self._copter.place_of(command)):
+            return FAILED
         if not self._is_on:
             if not change_mode:
                 return DENIED
@@ -145,11 +163,22 @@ class CopterGuided:
             return int(mavlink.MAV_MISSION_INVALID)
         if not self._is_on:
             return int(mavlink.MAV_MISSION_ERROR)
-        self._fly_to(mission_item_position(item, self._state))
+        place = mission_item_position(item, self._state)
+        if self._is_outside(place):
+            return int(mavlink.MAV_MISSION_ERROR)
+        self._fly_to(place)
         return mission_service.ACCEPTED
 
+    def _is_outside(self, place: tuple[float | None, float | None, float | None]) -> bool:
+        """Return whether a destination is outside of a fence: it is refused, or ignored."""
+        north, east, down = place
+        if north is None or east is None or down is None:
+            return False
+        return bool(self._copter.fences_broken_at((north, east, down)))
+
     def _fly_to(self, position_ned_m: Vec3) -> None:
-        """Fly ArduCopter to a place in GUIDED; ignored on the ground."""
+        """Fly ArduCopter to a place in GUIDED; on the ground it only ends a takeoff."""
+        self._end_takeoff()
         if self._flight.armed and not self._flight.landed:
             self._roi = None
             self._copter.velocity_at_s = None
@@ -173,12 +202,8 @@ class CopterGuided:
         return ACCEPTED
 
     def _face(self, yaw_rad: float) -> None:
-        """Turn the flown behaviour to a heading; a takeoff keeps its own until its end."""
-        behaviour = self._flight.behaviour
-        if isinstance(behaviour, TakeOffBehaviour) and behaviour.done:
-            behaviour = self._manoeuvres.go_to(behaviour.goal_ned_m, radius_m=0.3)
-            self._flight.fly(behaviour)
-        for each in (behaviour, self.paused):
+        """Turn the flown behaviour to a heading."""
+        for each in (self._flight.behaviour, self.paused):
             if each is not None:
                 each.face(yaw_rad)
 

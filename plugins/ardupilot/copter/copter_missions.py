@@ -24,6 +24,7 @@ RULES = ItemRules(
     frames=frozenset(
         {
             mavlink.MAV_FRAME_GLOBAL,
+            mavlink.MAV_FRAME_MISSION,
             mavlink.MAV_FRAME_GLOBAL_INT,
             mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT,
             mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT,
@@ -32,4 +33,10 @@ RULES = ItemRules(
         }
     ),
     nan_is_unset=False,
+    stored_frames={
+        mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT: mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT,
+        mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT: mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT,
+        mavlink.MAV_FRAME_GLOBAL_TERRAIN_ALT: mavlink.MAV_FRAME_GLOBAL_TERRAIN_ALT,
+        mavlink.MAV_FRAME_GLOBAL_TERRAIN_ALT_INT: mavlink.MAV_FRAME_GLOBAL_TERRAIN_ALT,
+    },
 )

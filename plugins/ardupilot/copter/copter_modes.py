@@ -61,9 +61,7 @@ class CopterMode(Enum):
     @property
     def words(self) -> str:
         """Return the mode's name in ArduCopter's texts."""
-        return {"ALT_HOLD": "AltHold", "POSHOLD": "PosHold", "SMART_RTL": "SmartRTL"}.get(
-            self.name, self.name if self is CopterMode.RTL else self.name.capitalize()
-        )
+        return "SMARTRTL" if self is CopterMode.SMART_RTL else self.name
 
 
 _STANDARD = {"LOITER": 1, "ALT_HOLD": 4, "SMART_RTL": 5, "AUTO": 6, "LAND": 7}

@@ -25,7 +25,7 @@ _LOCAL_FRAMES = {
     mavlink.MAV_FRAME_BODY_OFFSET_NED,
 }
 _TERRAIN_FRAMES = {mavlink.MAV_FRAME_GLOBAL_TERRAIN_ALT, mavlink.MAV_FRAME_GLOBAL_TERRAIN_ALT_INT}
-_GLOBAL_FRAMES = {
+GLOBAL_FRAMES = {
     mavlink.MAV_FRAME_GLOBAL,
     mavlink.MAV_FRAME_GLOBAL_INT,
     *RELATIVE_ALTITUDE_FRAMES,
@@ -51,7 +51,7 @@ def is_flown_global_setpoint(message: Any) -> bool:
     frame, mask = message.coordinate_frame, message.type_mask
     if not mask & _POSITION:
         placed = is_on_globe(message.lat_int * 1e-7, message.lon_int * 1e-7)
-        if not placed or frame not in _GLOBAL_FRAMES:
+        if not placed or frame not in GLOBAL_FRAMES:
             return False
         if frame in _TERRAIN_FRAMES and not mask & _VELOCITY:
             return False

@@ -169,7 +169,11 @@ class Client:
         self.link.mav.mission_request_list_send(
             self.link.target_system, self.link.target_component, kind
         )
-        return int(self.answer("MISSION_COUNT").count)
+        count = int(self.answer("MISSION_COUNT").count)
+        # PX4 takes nothing else for 5 s unless the list's reader is done with it.
+        where = (self.link.target_system, self.link.target_component)
+        self.link.mav.mission_ack_send(*where, MAV.MAV_MISSION_ACCEPTED, kind)
+        return count
 
     def fly(self) -> None:
         """Arm, take off, go some metres north, and land."""

@@ -4,7 +4,8 @@ https://mavlink.io/en/services/mission.html
 """
 
 import asyncio
-from collections.abc import Callable, Sequence
+from collections.abc import AsyncIterator, Callable, Sequence
+from contextlib import asynccontextmanager
 from dataclasses import dataclass
 from enum import IntEnum
 from typing import Any, Self
@@ -15,7 +16,7 @@ from wil_campaign.vehicles.driver.session.session import MavlinkSession
 from wil_campaign.vehicles.errors import VehicleError
 from wil_campaign.vehicles.mavlink.names import enum_name
 
-_ACCEPTED = mavlink.MAV_MISSION_ACCEPTED
+_ACCEPTED, _BUSY = mavlink.MAV_MISSION_ACCEPTED, mavlink.MAV_MISSION_ERROR
 STATUSTEXT_WAIT_S = 0.3
 """How long to wait for the STATUSTEXT that explains a refusal: it comes after it."""
 _MOST_REPEATS = 30
@@ -139,12 +140,8 @@ class MissionProtocol:
 
     async def download(self, which: ItemList) -> tuple[MissionItem, ...]:
         """Return a whole mission list. Raises MissionError."""
-        async with self._turn:
-            self._inbox = asyncio.Queue()
-            try:
-                items = await self._read_list(which)
-            finally:
-                self._inbox = None
+        async with self._turn, self._transfer():
+            items = await self._read_list(which)
         return items[1:] if which is ItemList.MISSION and self._home_first else items
 
     async def clear(self, which: ItemList) -> None:
@@ -155,48 +152,72 @@ class MissionProtocol:
             def is_ack(answer: Any) -> bool:
                 return bool(answer.get_type() == "MISSION_ACK")
 
-            self._inbox = asyncio.Queue()
-            try:
-                await self._check(which, await self._exchange(which, message, is_ack))
-            finally:
-                self._inbox = None
+            async with self._transfer():
+                # PX4 says nothing to this while it is busy with a transfer.
+                answer = await self._exchange(which, message, is_ack, again=self._end_transfers)
+                await self._check(which, answer)
+
+    @asynccontextmanager
+    async def _transfer(self) -> AsyncIterator[None]:
+        """Listen for answers; the vehicle's side of a transfer that does not end is ended."""
+        self._inbox = asyncio.Queue()
+        try:
+            yield
+        except BaseException:
+            self._end_transfers()
+            raise
+        finally:
+            self._inbox = None
+
+    def _end_transfers(self) -> None:
+        """Have the vehicle end what it sends or takes: PX4 refuses all else for 5 s otherwise."""
+        for which in ItemList if self._session.target is not None else ():
+            cancelled = mavlink.MAV_MISSION_OPERATION_CANCELLED
+            kind = mavlink.MAVLink_mission_ack_message
+            self._session.send(self._message(kind, type=cancelled, mission_type=which))
 
     async def _send_list(self, which: ItemList, items: list[MissionItem]) -> None:
+        async with self._transfer():
+            await self._give_items(which, items)
+
+    async def _give_items(self, which: ItemList, items: list[MissionItem]) -> None:
         last = self._message(
             mavlink.MAVLink_mission_count_message, count=len(items), mission_type=which
         )
-        reached = early = repeats = 0
-        self._inbox = asyncio.Queue()
-        try:
-            while True:
-                try:
-                    answer = await self._exchange(which, last, lambda _: True)
-                    if answer.get_type() == "MISSION_ACK":
-                        # An acknowledgement of an earlier operation may still be in flight.
-                        if answer.type == _ACCEPTED and reached < len(items):
-                            early += 1
-                            if early < self._tries:
-                                continue
-                            what = f"it was accepted after {reached} of {len(items)} items"
-                            raise self._error(which, what)
-                        await self._check(which, answer)
-                        return
-                    repeats += 1
-                    if repeats > _MOST_REPEATS:
-                        what = f"{answer.get_type()} comes again and again"
-                        raise self._error(which, f"{what}, after {reached} of {len(items)} items")
-                except MissionError as error:
-                    if reached < len(items):
-                        raise
-                    # The final MISSION_ACK comes once: when it is lost, the autopilot is silent or
-                    # refuses the last item, which is sent again.
-                    raise UnsureUploadError(str(error)) from error
-                if "REQUEST" in answer.get_type() and answer.seq < len(items):
-                    repeats = repeats if answer.seq < reached else 0
-                    reached = max(reached, answer.seq + 1)
-                    last = self._item(which, answer.seq, items[answer.seq])
-        finally:
-            self._inbox = None
+        reached = early = repeats = refused = 0
+        while True:
+            try:
+                answer = await self._exchange(which, last, lambda _: True)
+                if answer.get_type() == "MISSION_ACK":
+                    # An acknowledgement of an earlier operation may still be in flight.
+                    if answer.type == _ACCEPTED and reached < len(items):
+                        early += 1
+                        if early < self._tries:
+                            continue
+                        what = f"it was accepted after {reached} of {len(items)} items"
+                        raise self._error(which, what)
+                    if answer.type == _BUSY and reached == 0 and refused < self._tries:
+                        # A transfer whose end was lost: PX4 is busy with it.
+                        refused += 1
+                        self._end_transfers()
+                        await asyncio.sleep(self._timeout_s)
+                        continue
+                    await self._check(which, answer)
+                    return
+                repeats += 1
+                if repeats > _MOST_REPEATS:
+                    what = f"{answer.get_type()} comes again and again"
+                    raise self._error(which, f"{what}, after {reached} of {len(items)} items")
+            except MissionError as error:
+                if reached < len(items):
+                    raise
+                # The final MISSION_ACK comes once: when it is lost, the autopilot is silent or
+                # refuses the last item, which is sent again.
+                raise UnsureUploadError(str(error)) from error
+            if "REQUEST" in answer.get_type() and answer.seq < len(items):
+                repeats = repeats if answer.seq < reached else 0
+                reached = max(reached, answer.seq + 1)
+                last = self._item(which, answer.seq, items[answer.seq])
 
     async def _read_list(self, which: ItemList) -> tuple[MissionItem, ...]:
         question = self._message(mavlink.MAVLink_mission_request_list_message, mission_type=which)
@@ -219,12 +240,23 @@ class MissionProtocol:
         self._session.send(done)
         return tuple(items)
 
-    async def _exchange(self, which: ItemList, message: Any, fits: Callable[[Any], bool]) -> Any:
-        """Send a mission message until a fitting reply of this list arrives."""
+    async def _exchange(
+        self,
+        which: ItemList,
+        message: Any,
+        fits: Callable[[Any], bool],
+        again: Callable[[], None] = lambda: None,
+    ) -> Any:
+        """Send a mission message until a fitting reply of this list arrives.
+
+        again: called before each repetition.
+        """
         if self._inbox is None:
             raise RuntimeError("no operation has opened the inbox")
         loop = asyncio.get_running_loop()
-        for _ in range(self._tries):
+        for attempt in range(self._tries):
+            if attempt:
+                again()
             self._session.send(message)
             deadline_s = loop.time() + self._timeout_s
             try:

@@ -36,7 +36,7 @@ from wil_campaign.vehicles.embedded.autopilot.services import discovery, mission
 from wil_campaign.vehicles.embedded.autopilot.services.command_registry import (
     ACCEPTED,
     DENIED,
-    TEMPORARILY_REJECTED,
+    FAILED,
     UNSUPPORTED,
     ReceivedCommand,
     on_command,
@@ -59,6 +59,10 @@ from wil_campaign.worlds.frames import Vec3
 
 _EARLIEST_UNIX_US, _LATEST_UNIX_US = 1_230_768_000_000_000, 1 << 62
 """From 2009 on: an earlier time means a clock that was never set."""
+
+
+_REBOOTS = {1.0, 3.0}
+"""Param1 of PREFLIGHT_REBOOT_SHUTDOWN: reboot, and to the bootloader."""
 
 
 class FlownMode(Protocol):
@@ -129,6 +133,7 @@ class EmulatedAutopilot(ABC, Generic[Mode]):
         self.fence = EmulatedFence()
         self._item_lists = mission_service.MissionService(
             send=outbox.send,
+            tell=outbox.send_text,
             clock=lambda: self.t_s,
             accept=self._accept_items,
             home=self._home_item if firmware.first_mission_item else None,
@@ -152,6 +157,7 @@ class EmulatedAutopilot(ABC, Generic[Mode]):
             outbox=outbox,
             builders=self.builders,
             modes=firmware.mode_entries,
+            rules=firmware.messages,
         )
         self.hub.serve(
             self.hub,
@@ -238,6 +244,15 @@ class EmulatedAutopilot(ABC, Generic[Mode]):
     @abstractmethod
     def _sticks_last_s(self) -> float:
         """Return how long received sticks are valid."""
+
+    def mission_fault(self, items: tuple[EmulatedMissionItem, ...]) -> str | None:  # noqa: ARG002 - PX4 looks at them
+        """Return the text for why the firmware does not fly a mission; None when it does."""
+        return None
+
+    @property
+    def takes_speeds(self) -> bool:
+        """Return whether the mode takes a change of speed by command."""
+        return True
 
     @property
     def flies_by_speeds(self) -> bool:
@@ -345,8 +360,8 @@ class EmulatedAutopilot(ABC, Generic[Mode]):
     @on_command(mavlink.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN)
     def _reboot(self, command: ReceivedCommand) -> int:
         if self.flight.armed:
-            return TEMPORARILY_REJECTED
-        if command.params[0] != 1.0:
+            return FAILED
+        if command.params[0] not in _REBOOTS:
             return UNSUPPORTED
         self.reboot_requested = True
         return ACCEPTED
@@ -373,16 +388,23 @@ class EmulatedAutopilot(ABC, Generic[Mode]):
     @on_message("SET_MODE")
     def _on_set_mode(self, message: Any) -> None:
         """Handle SET_MODE, which old ground stations send."""
-        custom = message.base_mode & mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
-        result = self.set_mode(*self._split_mode(message.custom_mode)) if custom else DENIED
-        peer = (message.get_srcSystem(), message.get_srcComponent())
-        self.hub.acknowledge(self.firmware.set_mode_ack, result, peer)
+        result = self._mode_result(message.base_mode, *self._split_mode(message.custom_mode))
+        if self.firmware.set_mode_ack is not None:
+            peer = (message.get_srcSystem(), message.get_srcComponent())
+            self.hub.acknowledge(self.firmware.set_mode_ack, result, peer)
 
     @on_command(mavlink.MAV_CMD_DO_SET_MODE)
     def _set_mode(self, command: ReceivedCommand) -> int:
-        if not command.whole(0) & mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED:
-            return DENIED
-        return self.set_mode(command.whole(1), command.whole(2))
+        return self._mode_result(command.whole(0), command.whole(1), command.whole(2))
+
+    def _mode_result(self, base_mode: int, mode: int, submode: int) -> int:
+        if base_mode & mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED:
+            return self.set_mode(mode, submode)
+        return self.set_base_mode(base_mode)
+
+    def set_base_mode(self, base_mode: int) -> int:  # noqa: ARG002 - PX4 looks at it
+        """Set the mode by MAV_MODE_FLAGs, without a custom mode; return a MAV_RESULT."""
+        return DENIED
 
     @on_command(mavlink.MAV_CMD_NAV_LAND)
     def _land(self, _: ReceivedCommand) -> int:
@@ -396,12 +418,16 @@ class EmulatedAutopilot(ABC, Generic[Mode]):
 
     @on_command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM)
     def _arm_disarm(self, command: ReceivedCommand) -> int:
-        forced = self._is_forced(command)
-        if command.params[0] == 1.0:
+        forced, action = self._is_forced(command), self._arming_action(command.params[0])
+        if action == 1.0:
             return self.arm(force=forced)
-        if command.params[0] == 0.0:
+        if action == 0.0:
             return self.disarm(force=forced)
         return UNSUPPORTED
+
+    def _arming_action(self, number: float) -> float:
+        """Return 1 to arm, 0 to disarm, of a command's number; PX4 rounds it."""
+        return number
 
     def arm(self, *, force: bool) -> int:
         """Arm if the checks pass; the firmware decides which checks `force` skips."""
@@ -421,11 +447,16 @@ class EmulatedAutopilot(ABC, Generic[Mode]):
         """Disarm on the ground, in the air only by force."""
         if not self.flight.armed:
             return ACCEPTED
-        if not (self.flight.landed or force):
+        if not (self._is_on_ground or force):
             self._report_not_landed()
             return self.firmware.refused
         self.stop_motors("external command")
         return ACCEPTED
+
+    @property
+    def _is_on_ground(self) -> bool:
+        """Return whether the firmware disarms here without force."""
+        return self.flight.landed
 
     def _disarm_when_due(self) -> None:
         flight = self.flight
@@ -482,14 +513,18 @@ class EmulatedAutopilot(ABC, Generic[Mode]):
 
     @on_command(mavlink.MAV_CMD_DO_SET_HOME)
     def _set_home(self, command: ReceivedCommand) -> int:
-        if command.params[0] == 1.0:
+        if self._sets_home_here(command):
             self.state.home_ned_m = self.state.now.position_ned_m
         elif command.has_place:
-            self.state.home_ned_m = self.state.frame.to_ned(command.x, command.y, command.z)
+            self.state.home_ned_m = self.place_of(command)
         else:
             return DENIED
         self.outbox.send_later(telemetry.home_position(self.state))
         return ACCEPTED
+
+    @abstractmethod
+    def _sets_home_here(self, command: ReceivedCommand) -> bool:
+        """Return whether DO_SET_HOME means the present place."""
 
     def _accept_items(self, kind: int, items: tuple[EmulatedMissionItem, ...]) -> int:
         if kind == mission_service.FENCE:
@@ -502,7 +537,7 @@ class EmulatedAutopilot(ABC, Generic[Mode]):
                 self.fence = fence
             return result
         if kind == mission_service.MISSION:
-            self.missions.accept(len(items))
+            self.missions.accept(items)
         return mission_service.ACCEPTED
 
     def _home_item(self) -> EmulatedMissionItem:

@@ -1,6 +1,5 @@
 """How both emulated autopilots fly and report missions: start, jump, speeds, landing."""
 
-import math
 from typing import Any, Protocol
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
@@ -30,7 +29,7 @@ from wil_campaign.vehicles.embedded.autopilot.services.mission_service import (
     MISSION,
     MissionService,
 )
-from wil_campaign.vehicles.embedded.autopilot.services.outbox import Outbox
+from wil_campaign.vehicles.embedded.autopilot.services.outbox import CRITICAL, Outbox
 
 
 class MissionAutopilot(Protocol):
@@ -50,8 +49,15 @@ class MissionAutopilot(Protocol):
         """Return whether the mode is that of missions."""
 
     @property
+    def takes_speeds(self) -> bool:
+        """Return whether the mode takes a change of speed by command."""
+
+    @property
     def flies_by_speeds(self) -> bool:
         """Return whether a changed speed holds for what is flown now."""
+
+    def mission_fault(self, items: tuple[EmulatedMissionItem, ...]) -> str | None:
+        """Return the text for why the firmware does not fly a mission; None when it does."""
 
     def return_home(self) -> GuidanceBehaviour:
         """Return the behaviour that flies home."""
@@ -76,7 +82,7 @@ class Missions:
         self._service = service
         self._no_items = no_items
         self._first_item = autopilot.firmware.first_mission_item
-        self._has_begun = self._is_complete = False
+        self._has_begun = self._is_complete = self._is_refused = False
 
     @property
     def items(self) -> tuple[EmulatedMissionItem, ...]:
@@ -85,13 +91,16 @@ class Missions:
 
     @property
     def is_uploaded(self) -> bool:
-        """Return whether the autopilot has a user's mission."""
-        return self._autopilot.state.mission_total > self._first_item
+        """Return whether the autopilot has a user's mission that it flies."""
+        return not self._is_refused and self._autopilot.state.mission_total > self._first_item
 
-    def accept(self, count: int) -> None:
-        """Note an uploaded mission of so many items."""
-        state = self._autopilot.state
-        state.mission_seq, state.mission_total = 0, count
+    def accept(self, items: tuple[EmulatedMissionItem, ...]) -> None:
+        """Note an uploaded mission."""
+        state, fault = self._autopilot.state, self._autopilot.mission_fault(items)
+        self._is_refused = fault is not None
+        if fault is not None:
+            self._autopilot.outbox.send_text(CRITICAL, f"{fault}\t")
+        state.mission_seq, state.mission_total = 0, len(items)
         self._has_begun = self._is_complete = False
 
     # Flying.
@@ -183,11 +192,13 @@ class Missions:
         if command.params[1] == 1.0:
             self._has_begun = self._is_complete = False
         seq = command.whole(0)
+        if self._first_item:
+            return ACCEPTED if self.set_current(seq) else DENIED
         return ACCEPTED if seq == -1 or self.set_current(seq) else FAILED
 
     def set_current(self, seq: int) -> bool:
         """Go on with this item; return False where there is none."""
-        if not 0 <= seq < len(self.items):
+        if not 0 <= seq < self._autopilot.state.mission_total:
             return False
         self._autopilot.state.mission_seq = seq
         self._is_complete = False
@@ -200,8 +211,8 @@ class Missions:
     def _change_speed(self, command: ReceivedCommand) -> int:
         autopilot = self._autopilot
         kind, speed_m_s = command.params[0], command.params[1]
-        if math.isnan(speed_m_s) or not autopilot.manoeuvres.change_speed(kind, speed_m_s):
-            return DENIED
+        if not autopilot.takes_speeds or not autopilot.manoeuvres.change_speed(kind, speed_m_s):
+            return FAILED
         behaviour = autopilot.flight.behaviour
         if behaviour is not None and autopilot.flies_by_speeds:
             behaviour.change_speeds(autopilot.manoeuvres.speeds())

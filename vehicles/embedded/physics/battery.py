@@ -30,6 +30,11 @@ class SimulatedBattery:
         self.thrust_factor = self._thrust_factor_now()
         """The thrust at equal throttle, relative to a full battery."""
 
+    @property
+    def empty_v(self) -> float:
+        """Return the voltage of the empty pack, without a current."""
+        return self._profile.empty_v
+
     def drain(self, thrust_n: float, dt_s: float) -> None:
         """Drain the battery by the motors' current at this collective thrust."""
         current_a = _IDLE_CURRENT_A + thrust_n * self._amperes_per_newton

@@ -8,6 +8,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from tests.vehicles.embedded.autopilot.bare_autopilot import BareAutopilot
 from tests.vehicles.embedded.charge import set_remaining
+from wil_campaign.vehicles.embedded.profile import load_profile
 
 STABILIZE, AUTO, GUIDED, LOITER, RTL_MODE, LAND_MODE, BRAKE = 0, 3, 4, 5, 6, 9, 17
 HEARTBEAT = mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3)
@@ -21,7 +22,11 @@ def copter(rig: Any, **config: Any) -> Any:
     return rig(autopilot="ardupilot", **config)
 
 
-def test_guided_is_refused_before_there_is_a_position(rig: Any, virtually: Scenario) -> None:
+def test_disarmed_it_takes_guided_before_there_is_a_position_and_does_not_arm(
+    rig: Any, virtually: Scenario
+) -> None:
+    """Copter::set_mode ignores its checks while disarmed; arming makes up for it."""
+
     async def scenario() -> None:
         async with copter(rig) as r:
             await asyncio.sleep(10.0)
@@ -29,15 +34,21 @@ def test_guided_is_refused_before_there_is_a_position(rig: Any, virtually: Scena
             await asyncio.sleep(0.1)
             assert "Arm: Need Position Estimate" in r.texts()
             await asyncio.sleep(20.0)
-            # The pre-arm bit is true by now, and still GUIDED cannot be had.
+            # The pre-arm bit is true by now, and still it does not arm in GUIDED.
             assert await r.command(512, mavlink.MAVLINK_MSG_ID_SYS_STATUS) == 0
             bit = mavlink.MAV_SYS_STATUS_PREARM_CHECK
             assert r.last["SYS_STATUS"].onboard_control_sensors_health & bit
+            assert await r.command(176, 1, GUIDED) == 0
+            assert await r.command(400, 1) == FAILED
+            await r.command(176, 1, STABILIZE)
+            assert await r.command(400, 1) == 0
             assert await r.command(176, 1, GUIDED) == FAILED
             await asyncio.sleep(0.1)
-            assert "Mode change to Guided failed: requires position" in r.texts()
+            assert "Mode change to GUIDED failed: requires position" in r.texts()
+            assert await r.command(400, 0) == 0
             await asyncio.sleep(12.0)
             assert await r.command(176, 1, GUIDED) == 0
+            assert await r.command(400, 1) == 0
 
     virtually(scenario())
 
@@ -288,12 +299,25 @@ def test_a_low_battery_lands_or_returns_as_the_parameters_say(
         async with copter(rig, parameters={**parameters, "BATT_CRT_VOLT": 10.7}) as r:
             await r.hover()
             set_remaining(r.vehicle.body.battery, 0.2)
-            await asyncio.sleep(1.1)
+            # BATT_LOW_TIMER: 10 s below the voltage.
+            await asyncio.sleep(9.0)
+            assert r.custom_mode == GUIDED
+            await asyncio.sleep(2.1)
             assert r.custom_mode == RTL_MODE
+            assert "Battery Failsafe" in r.texts()
             assert any(text.startswith("Battery 1 is low 10.9") for text in r.texts())
             set_remaining(r.vehicle.body.battery, 0.05)
-            await asyncio.sleep(1.1)
+            await asyncio.sleep(11.1)
             assert r.custom_mode == LAND_MODE
+            await r.command(176, 1, GUIDED)
+            set_remaining(r.vehicle.body.battery, 1.0)
+            await asyncio.sleep(1.1)
+            assert (r.custom_mode, r.status) == (GUIDED, mavlink.MAV_STATE_CRITICAL)
+            assert await r.command(185, 1) == 0
+            await asyncio.sleep(3.0)
+            assert await r.command(400, 1) == FAILED
+            await asyncio.sleep(0.1)
+            assert "Arm: Battery failsafe" in r.texts()
 
     virtually(scenario())
 
@@ -302,8 +326,9 @@ def test_force_arms_before_ready_and_disarms_in_the_air(rig: Any, virtually: Sce
     async def scenario() -> None:
         async with copter(rig) as r:
             await asyncio.sleep(5.0)
-            assert await r.command(400, 1, 2989) == 0
-            assert await r.command(400, 0) == 0
+            for forced in (2989, 21196):
+                assert await r.command(400, 1, forced) == 0
+                assert await r.command(400, 0) == 0
             await r.hover()
             assert await r.command(400, 0) == FAILED
             assert await r.command(400, 0, 2989) == FAILED
@@ -348,7 +373,8 @@ def test_never_ready_stays_without_position(rig: Any, virtually: Scenario) -> No
     async def scenario() -> None:
         async with copter(rig, never_ready=True) as r:
             await asyncio.sleep(60.0)
-            assert await r.command(176, 1, GUIDED) == FAILED
+            assert await r.command(176, 1, GUIDED) == 0
+            assert await r.command(400, 1) == FAILED
             assert not any("is using GPS" in text for text in r.texts())
 
     virtually(scenario())
@@ -382,3 +408,139 @@ def test_a_velocity_is_flown_whatever_the_waypoint_speed_is(rig: Any, virtually:
             assert r.speed_m_s == pytest.approx(1.2, abs=0.1)
 
     virtually(scenario())
+
+
+def local_setpoint(mask: int, *, position: Any = (0, 0, 0), velocity: Any = (0, 0, 0)) -> Any:
+    return mavlink.MAVLink_set_position_target_local_ned_message(
+        0, 1, 1, 1, mask, *position, *velocity, 0, 0, 0, 0, 0
+    )
+
+
+@pytest.mark.parametrize(
+    ("behaviour", "speed_m_s", "heading_deg"),
+    [(2, 1.0, 90.0), (2, 0.4, 0.0), (3, 1.1, 90.0), (3, 0.9, 0.0), (0, 1.0, 0.0)],
+)
+def test_a_setpoint_without_a_heading_turns_the_nose_to_the_motion(
+    behaviour: int, speed_m_s: float, heading_deg: float
+) -> None:
+    """AutoYaw::default_mode, AC_PosControl::calculate_yaw_and_rate_yaw (4.6); flown beside it."""
+    bare = BareAutopilot("ardupilot", parameters={"WP_YAW_BEHAVIOR": behaviour})
+    bare.hover()
+    for no_heading, wanted_deg in ((1 << 10, 0.0), (1 << 10 | 1 << 11, heading_deg)):
+        bare.send(local_setpoint(0b000111000111 | no_heading, velocity=(0.0, speed_m_s, 0.0)))
+        bare.estimate[4] = speed_m_s
+        bare.run(0.5)
+        target = bare.autopilot.flight.target
+        assert target is not None
+        assert math.degrees(target.yaw_rad or 0.0) == pytest.approx(wanted_deg, abs=0.1)
+        bare.estimate[4] = 0.0
+        bare.send(local_setpoint(0b000111000111, velocity=(0.0, 0.0, 0.0)))
+        bare.run(0.1)
+
+
+@pytest.mark.parametrize("height_m", [0.0, 1.5])
+def test_a_setpoint_ends_a_takeoff(height_m: float) -> None:
+    """The submode of mode_guided.cpp changes; on the ground it then stays there, and disarms."""
+    bare = BareAutopilot("ardupilot")
+    bare.run(42.0)
+    assert (bare.command(176, 1, GUIDED), bare.command(400, 1)) == (0, 0)
+    assert bare.command(22, 0, 0, 0, 0, 0, 0, 3) == 0
+    bare.run(5.0 if height_m else 0.5)
+    bare.height_m = height_m
+    bare.send(local_setpoint(VELOCITY_MASK))
+    bare.run(1.0)
+    assert bare.autopilot.flight.landed is (height_m == 0.0)
+    bare.run(11.0)
+    assert bare.autopilot.flight.armed is (height_m > 0.0)
+
+
+def test_a_takeoff_is_relative_and_upwards() -> None:
+    bare = BareAutopilot("ardupilot")
+    bare.run(42.0)
+    assert (bare.command(176, 1, GUIDED), bare.command(400, 1)) == (0, 0)
+    for frame, z, result in ((0, 500.0, 2), (6, 3.0, 2), (3, 0.0, FAILED), (3, 3.0, 0)):
+        answers = bare.send(
+            mavlink.MAVLink_command_int_message(1, 1, frame, 22, 0, 0, 0, 0, 0, 0, 0, 0, z)
+        )
+        assert [a.result for a in answers if a.get_type() == "COMMAND_ACK"] == [result], frame
+
+
+def test_home_is_set_as_ardupilot_reads_it() -> None:
+    """GCS_MAVLINK::handle_command_do_set_home: zeros are here, heights are by their frame."""
+    bare = BareAutopilot("ardupilot")
+    bare.run(42.0)
+    place = (474000000, 85500000)
+    for frame, z, result in ((6, 5.0, 0), (1, 5.0, 2), (0, 490.0, 0), (6, 5.0, 0)):
+        answers = bare.send(
+            mavlink.MAVLink_command_int_message(1, 1, frame, 179, 0, 0, 0, 0, 0, 0, *place, z)
+        )
+        assert [a.result for a in answers if a.get_type() == "COMMAND_ACK"] == [result], frame
+    assert bare.autopilot.state.home_down_m == pytest.approx(488.0 - 495.0, abs=0.1)
+    assert bare.command(179, 2, 0, 0, 0, 47.4, 8.55, 490.0) == FAILED
+    assert bare.command(179) == 0
+    assert bare.autopilot.state.home_ned_m == pytest.approx((0, 0, 0), abs=0.1)
+
+
+def test_disarmed_it_takes_auto_without_a_mission_and_unknown_modes_are_named() -> None:
+    bare = BareAutopilot("ardupilot")
+    bare.run(42.0)
+    assert bare.command(176, 1, AUTO) == 0
+    assert bare.command(400, 1) == FAILED
+    assert bare.command(176, 1, 99) == FAILED
+    answers = bare.send(mavlink.MAVLink_set_mode_message(1, 1, GUIDED))
+    # GCS_MAVLINK::handle_set_mode acknowledges nothing.
+    assert [each.get_type() for each in answers if each.get_type() == "COMMAND_ACK"] == []
+    texts = [each.text for each in bare.run(0.1) if each.get_type() == "STATUSTEXT"]
+    assert "No such mode 99" in texts
+    assert bare.command(400, 1) == 0
+    assert bare.command(176, 1, AUTO) == FAILED
+
+
+def test_a_destination_outside_of_the_fence_is_refused_or_ignored() -> None:
+    """AC_Fence::check_destination_within_fence in ModeGuided::set_destination."""
+    fence = {"FENCE_ENABLE": 1.0, "FENCE_TYPE": 3.0, "FENCE_RADIUS": 30.0, "FENCE_ALT_MAX": 20.0}
+    bare = BareAutopilot("ardupilot", parameters=fence)
+    bare.hover()
+    for north_m, up_m, flown in ((10.0, 5.0, True), (40.0, 5.0, False), (5.0, 25.0, False)):
+        bare.send(local_setpoint(POSITION_MASK, position=(north_m, 0.0, -up_m)))
+        bare.run(0.1)
+        target = bare.autopilot.flight.target
+        assert target is not None
+        assert (target.position_ned_m == (north_m, 0.0, -up_m)) is flown
+        where = bare.autopilot.state.frame.to_geodetic((north_m, 0.0, -up_m))
+        place = (round(where.latitude_deg * 1e7), round(where.longitude_deg * 1e7), up_m)
+        (ack,) = bare.send(
+            mavlink.MAVLink_command_int_message(1, 1, 6, 192, 0, 0, -1, 1, 0, 0, *place)
+        )
+        assert ack.result == (0 if flown else FAILED)
+    for frame, x in ((1, place[0]), (6, 0)):
+        (ack,) = bare.send(
+            mavlink.MAVLink_command_int_message(1, 1, frame, 192, 0, 0, -1, 1, 0, 0, x, 0, 5.0)
+        )
+        assert ack.result == mavlink.MAV_RESULT_DENIED
+
+
+def test_a_breach_is_no_failsafe_of_the_heartbeat_and_a_lost_station_is_until_it_is_back() -> None:
+    """Copter::any_failsafe_triggered."""
+    fence = {"FENCE_ENABLE": 1.0, "FENCE_TYPE": 1.0, "FENCE_ALT_MAX": 10.0, "FS_GCS_ENABLE": 1.0}
+    bare = BareAutopilot("ardupilot", parameters=fence)
+    bare.hover()
+    bare.send(HEARTBEAT)
+    bare.height_m = 12.0
+    bare.run(0.1)
+    assert bare.autopilot.mode.value == RTL_MODE
+    assert bare.autopilot._system_status() == mavlink.MAV_STATE_ACTIVE
+    bare.run(6.0)
+    assert bare.autopilot._system_status() == mavlink.MAV_STATE_CRITICAL
+    bare.send(HEARTBEAT)
+    bare.run(0.1)
+    assert bare.autopilot._system_status() == mavlink.MAV_STATE_ACTIVE
+
+
+@pytest.mark.parametrize(("profile", "volts"), [("cage", 6.6), ("nominal", 10.5)])
+def test_the_low_voltage_suits_the_pack_unless_it_is_given(profile: str, volts: float) -> None:
+    read = mavlink.MAVLink_param_request_read_message(1, 1, b"BATT_LOW_VOLT", -1)
+    for given, wanted in (({}, volts), ({"BATT_LOW_VOLT": 9.0}, 9.0)):
+        bare = BareAutopilot("ardupilot", profile=load_profile(profile), parameters=given)
+        (value,) = bare.send(read)
+        assert value.param_value == pytest.approx(wanted)

@@ -406,3 +406,22 @@ def test_the_newest_log_is_the_last(
             return [entry.number for entry in await logs.list()]
 
     assert run_virtual(newest()) == oldest_first
+
+
+@pytest.mark.parametrize("what", ["upload", "clear"])
+def test_a_list_whose_reading_never_ended_does_not_keep_px4_from_the_next_one(what: str) -> None:
+    """As when a radio loses the last MISSION_ACK of a download: PX4 is busy for 5 s."""
+
+    async def script(driver: Driver, vehicle: EmbeddedVehicle) -> None:
+        missions = driver.onboard.missions
+        await missions.upload(ItemList.MISSION, ROUTE)
+        driver.send_message(mavlink.MAVLink_mission_request_list_message(1, 1, ItemList.MISSION))
+        await asyncio.sleep(0.1)
+        if what == "clear":
+            await missions.clear(ItemList.MISSION)
+        else:
+            await missions.upload(ItemList.MISSION, ROUTE[:2])
+        left = vehicle.autopilot.missions.items
+        assert len(left) == (0 if what == "clear" else 2)
+
+    _on_board("px4", script)

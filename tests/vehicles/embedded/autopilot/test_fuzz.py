@@ -116,13 +116,10 @@ class Messages:
 ANSWERS = {
     "COMMAND_LONG": "COMMAND_ACK",
     "COMMAND_INT": "COMMAND_ACK",
-    "MISSION_REQUEST_LIST": "MISSION_COUNT",
-    "MISSION_CLEAR_ALL": "MISSION_ACK",
     "MISSION_SET_CURRENT": "MISSION_CURRENT",
-    "SET_MODE": "COMMAND_ACK",
     "FILE_TRANSFER_PROTOCOL": "FILE_TRANSFER_PROTOCOL",
 }
-"""What must follow a message, one for one."""
+"""What must follow a message, one for one. Of missions PX4 answers nothing while it is busy."""
 
 
 def answered(rig: Any, sent: dict[str, int], since: int) -> dict[str, tuple[int, int]]:

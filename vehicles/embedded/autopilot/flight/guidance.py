@@ -19,6 +19,8 @@ class WantedMotion(NamedTuple):
     yaw_rad: float | None
     yaw_rate_rad_s: float
     has_velocity: bool
+    has_heading: bool = True
+    """Whether it has a heading or a rate of turn, be it 0."""
 
 
 class GuidanceSpeeds(NamedTuple):
@@ -153,6 +155,7 @@ class FollowBehaviour(GuidanceBehaviour):
         self._limit = limit
         self._speeds = speeds
         self._may_lift = may_lift
+        self._faces_from_m_s: float | None = None
         self._still = ControlTarget(
             (None, None, None), yaw_rad=yaw_rad, speed_m_s=speeds, direct=direct
         )
@@ -169,8 +172,14 @@ class FollowBehaviour(GuidanceBehaviour):
         """Return whether the followed setpoint is downwards."""
         return self._descends
 
-    def set(self, wanted: WantedMotion, *, keep_yaw_rad: float) -> None:
-        """Set the followed setpoint; axes of None fly by velocity, no heading keeps this one."""
+    def set(
+        self, wanted: WantedMotion, *, keep_yaw_rad: float, faces_from_m_s: float | None = None
+    ) -> None:
+        """Set the followed setpoint; axes of None fly by velocity, no heading keeps this one.
+
+        faces_from_m_s: from this horizontal speed on the nose points where it flies; None: never.
+        """
+        self._faces_from_m_s = faces_from_m_s
         yaw_rad = wanted.yaw_rad
         if yaw_rad is None and wanted.yaw_rate_rad_s == 0.0:
             yaw_rad = keep_yaw_rad
@@ -194,10 +203,12 @@ class FollowBehaviour(GuidanceBehaviour):
 
     def face(self, yaw_rad: float) -> None:
         """Turn to a heading while following the setpoint."""
+        self._faces_from_m_s = None
         self._target = self._target._replace(yaw_rad=yaw_rad, yaw_rate_rad_s=0.0)
 
     def stand(self, now: BodyMotion) -> None:
         """Drop the followed setpoint: zero velocity, present heading."""
+        self._faces_from_m_s = None
         self._target = self._still._replace(yaw_rad=now.euler_rad[2])
         self._lifts = self._descends = False
 
@@ -206,15 +217,22 @@ class FollowBehaviour(GuidanceBehaviour):
         """Return the followed setpoint where no velocity of it is limited."""
         target = self._target
         limited = self._limit is not None and target.position_ned_m[0] is None
-        return None if limited else target
+        return None if limited or self._faces_from_m_s is not None else target
 
     def update(self, now: BodyMotion, t_s: float) -> ControlTarget:
         """Return the followed setpoint as guidance target."""
+        self._face_motion(now)
         target = self._target
         if self._limit is None or target.position_ned_m[0] is not None:
             return target
         limited = self._limit(target.velocity_ned_m_s, now.euler_rad[2], t_s)
         return target._replace(velocity_ned_m_s=limited)
+
+    def _face_motion(self, now: BodyMotion) -> None:
+        north, east, _ = now.velocity_ned_m_s
+        least_m_s = self._faces_from_m_s
+        if least_m_s is not None and math.hypot(north, east) > least_m_s:
+            self._target = self._target._replace(yaw_rad=math.atan2(east, north))
 
 
 class TakeOffBehaviour(GuidanceBehaviour):
@@ -241,6 +259,7 @@ class TakeOffBehaviour(GuidanceBehaviour):
         self._share = 0.0
         """Of the climb's speed, on the ramp."""
         self.yaw_rad = 0.0
+        self._faced = False
 
     @property
     def lifts(self) -> bool:
@@ -262,7 +281,7 @@ class TakeOffBehaviour(GuidanceBehaviour):
         if self._began_s is None:
             self._began_s = t_s
             self._place = now.position_ned_m[:2]
-            self.yaw_rad = now.euler_rad[2]
+            self.yaw_rad = self.yaw_rad if self._faced else now.euler_rad[2]
         if now.position_ned_m[2] - self.down_m < self._radius_m:
             self.done = True
         share = 1.0
@@ -276,6 +295,10 @@ class TakeOffBehaviour(GuidanceBehaviour):
             )
             self._target, self._share = target, share
         return target
+
+    def face(self, yaw_rad: float) -> None:
+        """Turn to a heading in the climb, or above it."""
+        self.yaw_rad, self._faced, self._target = yaw_rad, True, None
 
 
 class LandProfile(NamedTuple):

@@ -18,9 +18,8 @@ from wil_campaign.vehicles.embedded.autopilot.flight.parameter_table import Para
 from wil_campaign.vehicles.embedded.autopilot.flight.places import FASTEST_M_S
 from wil_campaign.worlds.frames import Vec3
 
-_CHANGED = {0.0: "across", 1.0: "across", 2.0: "up", 3.0: "down"}
-"""SPEED_TYPE to the limit that it changes."""
-_RESET_SPEED = -2.0
+_UP_FROM, _DOWN_FROM = 1.9, 2.9
+"""SPEED_TYPE from which a climb's or a descent's speed is changed (GCS_Mavlink.cpp of Copter)."""
 
 
 class Manoeuvres(ABC):
@@ -46,17 +45,11 @@ class Manoeuvres(ABC):
         return speeds._replace(**self._changed) if self._changed else speeds
 
     def change_speed(self, kind: float, speed_m_s: float) -> bool:
-        """Execute DO_CHANGE_SPEED: 0, 1 across, 2 up, 3 down; False for others.
-
-        A speed of -1 keeps the present one, and -2 restores the default.
-        """
-        name = _CHANGED.get(kind)
-        if name is None or not math.isfinite(speed_m_s):
+        """Execute DO_CHANGE_SPEED: from 3 on down, from 2 up, others across; False if refused."""
+        if not speed_m_s > 0.0:
             return False
-        if speed_m_s > 0.0:
-            self._changed[name] = min(speed_m_s, FASTEST_M_S)
-        elif speed_m_s == _RESET_SPEED:
-            self._changed.pop(name, None)
+        name = "down" if kind > _DOWN_FROM else "up" if kind > _UP_FROM else "across"
+        self._changed[name] = min(speed_m_s, FASTEST_M_S)
         return True
 
     def forget_speeds(self) -> None:
@@ -130,8 +123,8 @@ class Manoeuvres(ABC):
             end_down_m=None if end_m is None else home[2] - end_m,
         )
 
-    def from_home_m(self) -> tuple[float, float]:
-        """Return the vehicle's horizontal distance from home, and its height above home."""
+    def from_home_m(self, place_ned_m: Vec3 | None = None) -> tuple[float, float]:
+        """Return the horizontal distance from home, and the height above it; None: of here."""
         north, east, down = self._state.home_ned_m or (0.0, 0.0, 0.0)
-        here = self._state.now.position_ned_m
+        here = place_ned_m or self._state.now.position_ned_m
         return math.hypot(here[0] - north, here[1] - east), down - here[2]

@@ -27,6 +27,7 @@ PLACED = frozenset(
         mavlink.MAV_CMD_NAV_SPLINE_WAYPOINT,
         mavlink.MAV_CMD_NAV_RALLY_POINT,
         mavlink.MAV_CMD_DO_SET_ROI_LOCATION,
+        mavlink.MAV_CMD_CONDITION_GATE,
     }
 )
 """Commands whose x, y and z are latitude, longitude and altitude."""
@@ -48,11 +49,16 @@ class ItemRules(NamedTuple):
     """A firmware's rules of mission items: commands by list, frames of placed items.
 
     nan_is_unset: NaN means "not given" in every parameter (PX4), not only in the fourth.
+    unplaced_frame: the frame of items without a place (PX4); None: any. stored_frames: the frames
+    that placed items of a mission are sent back in, by those they came in; others come back in 0.
+    None: all as they came.
     """
 
     commands: dict[int, frozenset[int]]
     frames: frozenset[int]
     nan_is_unset: bool
+    unplaced_frame: int | None = None
+    stored_frames: dict[int, int] | None = None
 
 
 def mission_item_of(message: Any) -> EmulatedMissionItem | int:
@@ -86,7 +92,27 @@ def mission_item_fault(kind: int, item: EmulatedMissionItem, rules: ItemRules) -
         unset = math.isnan(value) and (rules.nan_is_unset or index == 3)
         if not (math.isfinite(value) or unset):
             return _INVALID_PARAMETERS[index]
+    if rules.unplaced_frame is not None and kind == mavlink.MAV_MISSION_TYPE_MISSION:
+        fault = _frame_fault(item, rules)
+        if fault != ACCEPTED:
+            return fault
     return _place_fault(item, rules) if item.command in PLACED else ACCEPTED
+
+
+def stored_mission_frame(item: EmulatedMissionItem, rules: ItemRules) -> int:
+    """Return the frame that a firmware sends an item of a mission back in."""
+    if rules.stored_frames is None:
+        return item.frame
+    return rules.stored_frames.get(item.frame, 0) if item.command in PLACED else 0
+
+
+def _frame_fault(item: EmulatedMissionItem, rules: ItemRules) -> int:
+    """Return PX4's MAV_MISSION_RESULT of an item's frame (parse_mavlink_mission_item)."""
+    if item.frame not in {*rules.frames, rules.unplaced_frame}:
+        return int(mavlink.MAV_MISSION_UNSUPPORTED_FRAME)
+    placed = item.command in PLACED
+    fits = placed is (item.frame != rules.unplaced_frame)
+    return ACCEPTED if fits else int(mavlink.MAV_MISSION_UNSUPPORTED)
 
 
 def _place_fault(item: EmulatedMissionItem, rules: ItemRules) -> int:

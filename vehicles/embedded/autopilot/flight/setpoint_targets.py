@@ -92,4 +92,5 @@ def _wanted_motion(
         yaw_rad if has_yaw else None,
         bounded_value(message.yaw_rate, FASTEST_M_S) if has_rate and not has_yaw else 0.0,
         has_velocity,
+        has_yaw or has_rate,
     )

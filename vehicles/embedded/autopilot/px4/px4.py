@@ -13,11 +13,13 @@ from wil_campaign.vehicles.embedded.autopilot.flight.guidance import (
     TakeOffBehaviour,
     WantedMotion,
 )
+from wil_campaign.vehicles.embedded.autopilot.flight.mission_items import EmulatedMissionItem
 from wil_campaign.vehicles.embedded.autopilot.flight.places import is_altitude, is_on_globe
 from wil_campaign.vehicles.embedded.autopilot.flight.setpoint_targets import (
     global_setpoint,
     local_setpoint,
 )
+from wil_campaign.vehicles.embedded.autopilot.px4 import px4_feasibility
 from wil_campaign.vehicles.embedded.autopilot.px4.px4_core import Px4Core
 from wil_campaign.vehicles.embedded.autopilot.px4.px4_failsafes import (
     WARNINGS,
@@ -45,6 +47,8 @@ _TILT_FOR_S = 0.3
 """FD_FAIL_R_TTRI, FD_FAIL_P_TTRI."""
 _BREAKER_CLOSED = 121212
 """Value of CBRK_FLIGHTTERM that keeps the failure detector from terminating the flight."""
+_GF_WARNS = 1
+"""GF_ACTION up to which no destination is refused."""
 _FAILSAFE_MODES = {
     Px4FailsafeAction.HOLD: Px4Mode.HOLD,
     Px4FailsafeAction.RETURN: Px4Mode.RTL,
@@ -67,6 +71,9 @@ class Px4(Px4Core):
         )
         self._takeoff_down_m: float | None = None
         self._heading_text_sent = False
+        self._left_offboard = False
+        """Whether it flies a failsafe for lost setpoints: OFFBOARD, which the user chose, goes on
+        once there are setpoints again (FailsafeBase::checkModeFallback)."""
 
     # Setpoints.
 
@@ -104,6 +111,7 @@ class Px4(Px4Core):
         """Switch PX4 to the user's mode; a pending failsafe is dropped."""
         result = super().choose(mode)
         if result == ACCEPTED:
+            self._left_offboard = False
             self._failsafes.on_user_mode()
         return result
 
@@ -147,7 +155,17 @@ class Px4(Px4Core):
         if first >= 0:
             self.missions.set_current(int(first))
         result = self.choose(Px4Mode.MISSION)
-        return result if result != ACCEPTED else self.arm(force=False)
+        if result != ACCEPTED:
+            return result
+        self.armed_by, usual = "mission start", self.armed_by
+        result = self.arm(force=False)
+        self.armed_by = usual
+        return result
+
+    def mission_fault(self, items: tuple[EmulatedMissionItem, ...]) -> str | None:
+        """Return PX4's text for why it does not fly a mission; None when it does."""
+        home_amsl_m = self.state.frame.altitude_m - self.state.home_down_m
+        return px4_feasibility.mission_fault(items, home_amsl_m=home_amsl_m)
 
     def lift(self, down_m: float) -> GuidanceBehaviour | None:
         """Return the climb that PX4 flies before a waypoint when it is on the ground."""
@@ -164,11 +182,16 @@ class Px4(Px4Core):
 
     @on_command(mavlink.MAV_CMD_DO_REPOSITION)
     def _reposition(self, command: ReceivedCommand) -> int:
+        if command.whole(1) != mavlink.MAV_DO_REPOSITION_FLAGS_CHANGE_MODE:
+            return UNSUPPORTED
         if not self.position_valid or not self._may_be_place(command):
             return DENIED
         position = self.place_of(command)
         result = self.choose(Px4Mode.HOLD)
-        if result == ACCEPTED and not self.flight.landed:
+        acts = int(self.parameters["GF_ACTION"]) > _GF_WARNS
+        if acts and self._breach(self.fence, position) is not None:
+            self.outbox.send_text(CRITICAL, "Reposition is outside geofence\t")
+        elif result == ACCEPTED and not self.flight.landed:
             speed, _, _, yaw = command.params
             self.flight.fly(self.manoeuvres.go_to(position, speed_m_s=speed, yaw_rad=yaw))
         return result
@@ -178,7 +201,33 @@ class Px4(Px4Core):
         if command.params[0] > 0.5 and self.flight.armed:
             self.terminate("Flight termination by command")
             return ACCEPTED
-        return UNSUPPORTED
+        return DENIED
+
+    @on_command(mavlink.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN)
+    def _reboot(self, command: ReceivedCommand) -> int:
+        action = command.whole(0)
+        if action == 0:
+            return ACCEPTED
+        if action != 1 or self.flight.armed:
+            return DENIED
+        self.reboot_requested = True
+        return ACCEPTED
+
+    def _sets_home_here(self, command: ReceivedCommand) -> bool:
+        return command.params[0] > 0.5
+
+    @on_command(mavlink.MAV_CMD_NAV_LAND)
+    def _land(self, _: ReceivedCommand) -> int:
+        return self._choose_saying(Px4Mode.LAND, "Landing at current position\t")
+
+    @on_command(mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH)
+    def _return(self, _: ReceivedCommand) -> int:
+        return self._choose_saying(Px4Mode.RTL, "Returning to launch\t")
+
+    def _choose_saying(self, mode: Px4Mode, text: str) -> int:
+        if not self.flight.armed or self._can_run(mode):
+            self.outbox.send_text(INFO, text)
+        return self.choose(mode)
 
     # Flying.
 
@@ -215,6 +264,8 @@ class Px4(Px4Core):
             if self.mode.is_manual and self.fresh_sticks() is None:
                 self.outbox.send_text(WARNING, "Manual control lost\t")
                 self.fail(_STICKS_LOST.get(int(self.parameters["NAV_RCL_ACT"]), Px4Mode.RTL))
+            if self._left_offboard and self.setpoints_stream:
+                self.choose(Px4Mode.OFFBOARD)
             decision = self._failsafes.check(self._view())
             if decision is not None:
                 self._act(decision)
@@ -265,6 +316,9 @@ class Px4(Px4Core):
 
     def _act(self, decision: Px4FailsafeDecision) -> None:
         action = decision.action
+        breach = self._breach(self.fence) if decision.cause == "fence" else None
+        if breach is not None:
+            self.outbox.send_text(CRITICAL, breach)
         if action is Px4FailsafeAction.WARN:
             self.outbox.send_text(WARNING, WARNINGS[decision.cause])
         elif action is Px4FailsafeAction.DISARM:
@@ -272,12 +326,13 @@ class Px4(Px4Core):
         elif action is Px4FailsafeAction.TERMINATE:
             self.terminate("Failsafe activated: terminate")
         elif not self.flight.landed or decision.cause == "offboard":
-            self.fail(_FAILSAFE_MODES[action])
+            self.fail(_FAILSAFE_MODES[action], hold_s=decision.hold_s)
+            self._left_offboard = decision.cause == "offboard"
 
-    def _breach(self, fence: EmulatedFence) -> str | None:
-        """Return PX4's text for how the vehicle breaches a fence; None when it does not."""
-        p, here = self.parameters, self.state.now.position_ned_m
-        far_m, high_m = self.manoeuvres.from_home_m()
+    def _breach(self, fence: EmulatedFence, place_ned_m: Vec3 | None = None) -> str | None:
+        """Return PX4's text for how the vehicle, or a place, breaches a fence; None if not."""
+        p, here = self.parameters, place_ned_m or self.state.now.position_ned_m
+        far_m, high_m = self.manoeuvres.from_home_m(here)
         if 0.0 < p["GF_MAX_HOR_DIST"] < far_m:
             return "Geofence: exceeding maximum distance to Home"
         if 0.0 < p["GF_MAX_VER_DIST"] < high_m:

@@ -18,6 +18,12 @@ _RADIUS_M = 0.3
 class Px4Manoeuvres(Manoeuvres):
     """PX4's behaviours by MPC_*, MIS_*, NAV_* and RTL_*."""
 
+    def change_speed(self, kind: float, speed_m_s: float) -> bool:
+        """Execute DO_CHANGE_SPEED; without a speed PX4 restores its own (navigator_main.cpp)."""
+        if not super().change_speed(kind, speed_m_s):
+            self.forget_speeds()
+        return True
+
     def default_speeds(self) -> GuidanceSpeeds:
         """Return the speed limits of PX4's automatic modes."""
         p = self._p

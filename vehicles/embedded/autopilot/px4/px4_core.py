@@ -22,10 +22,18 @@ from wil_campaign.vehicles.embedded.autopilot.flight.mission_items import ItemRu
 from wil_campaign.vehicles.embedded.autopilot.flight.sticks import StickLimits
 from wil_campaign.vehicles.embedded.autopilot.px4 import px4_telemetry
 from wil_campaign.vehicles.embedded.autopilot.px4.px4_behaviors import Px4Manoeuvres
-from wil_campaign.vehicles.embedded.autopilot.px4.px4_modes import ENTRIES, Px4Mode, px4_mode
+from wil_campaign.vehicles.embedded.autopilot.px4.px4_failsafes import GCS_SILENT_AFTER_S
+from wil_campaign.vehicles.embedded.autopilot.px4.px4_modes import (
+    ENTRIES,
+    NOT_EMULATED,
+    Px4Mode,
+    mode_of_flags,
+    px4_mode,
+)
 from wil_campaign.vehicles.embedded.autopilot.services.command_registry import (
     ACCEPTED,
     DENIED,
+    FAILED,
     FORCE_DISARM,
     TEMPORARILY_REJECTED,
     ReceivedCommand,
@@ -33,11 +41,9 @@ from wil_campaign.vehicles.embedded.autopilot.services.command_registry import (
 )
 from wil_campaign.vehicles.embedded.autopilot.services.fence_items import FENCE_COMMANDS
 from wil_campaign.vehicles.embedded.autopilot.services.log_formats import ULog
+from wil_campaign.vehicles.embedded.autopilot.services.message_hub import MessageRules
 from wil_campaign.vehicles.embedded.autopilot.services.outbox import CRITICAL, EMERGENCY, INFO
 from wil_campaign.vehicles.embedded.control.law import PX4
-
-_GCS_SILENT_AFTER_S = 2.5
-"""A ground station whose last heartbeat is older counts as gone (mavlink_receiver.cpp)."""
 
 # Seconds since boot, from the reference trace.
 _POSITION_S = 3.2
@@ -70,6 +76,7 @@ RULES = ItemRules(
         }
     ),
     nan_is_unset=True,
+    unplaced_frame=mavlink.MAV_FRAME_MISSION,
 )
 """Items of missions, fences and rally points that PX4 accepts (mavlink_mission.cpp, v1.18)."""
 
@@ -80,6 +87,9 @@ class Px4Core(EmulatedAutopilot[Px4Mode]):
     name: ClassVar[str] = Strategy.name
     firmware: ClassVar[FirmwareTraits] = FirmwareTraits(
         mav_autopilot=mavlink.MAV_AUTOPILOT_PX4,
+        messages=MessageRules(
+            takes_broadcasts=False, no_stream=FAILED, no_message=DENIED, shortest_us=None
+        ),
         parameter_file=Strategy.embedded_parameters,
         bytewise=True,
         strict_parameters=True,
@@ -109,6 +119,7 @@ class Px4Core(EmulatedAutopilot[Px4Mode]):
         super().__init__(aircraft, rates_hz=rates_hz, mode=Px4Mode.HOLD)
         self.manoeuvres = Px4Manoeuvres(self.parameters, self.state)
         self.terminated = False
+        self.armed_by = "external command"
         self.flying = False
         """Whether takeoff is detected, and landing not yet."""
         self.setpoint_at_s = -math.inf
@@ -151,7 +162,7 @@ class Px4Core(EmulatedAutopilot[Px4Mode]):
         return self._can_arm()
 
     def _sends_texts(self) -> bool:
-        return self.t_s - self.gcs_last_received_s <= _GCS_SILENT_AFTER_S
+        return self.t_s - self.gcs_last_received_s <= GCS_SILENT_AFTER_S
 
     # Reported state.
 
@@ -211,9 +222,23 @@ class Px4Core(EmulatedAutopilot[Px4Mode]):
     # Modes.
 
     def set_mode(self, mode: int, submode: int) -> int:
-        """Switch PX4 to the user's mode by its numbers, if it can run."""
-        wanted = px4_mode(mode, submode)
-        return self.choose(wanted) if wanted is not None else DENIED
+        """Switch PX4 to the user's mode by its numbers, if it can run.
+
+        Of numbers that are no mode PX4 refuses an unknown AUTO mode alone (Commander.cpp).
+        """
+        numbers = mode & 0xFF, submode & 0xFF
+        wanted = px4_mode(*numbers)
+        if numbers in NOT_EMULATED:
+            return DENIED
+        if wanted is None and numbers[0] == Px4Mode.MISSION.value[0]:
+            self.outbox.send_text(CRITICAL, "Unsupported auto mode\t")
+            return TEMPORARILY_REJECTED
+        return ACCEPTED if wanted is None else self.choose(wanted)
+
+    def set_base_mode(self, base_mode: int) -> int:
+        """Set PX4's mode by MAV_MODE_FLAGs; flags that name none change nothing."""
+        wanted = mode_of_flags(base_mode)
+        return ACCEPTED if wanted is None else self.choose(wanted)
 
     def choose(self, mode: Px4Mode) -> int:
         """Switch PX4 to the user's mode; while armed only if it can run. Ends a failsafe."""
@@ -237,11 +262,15 @@ class Px4Core(EmulatedAutopilot[Px4Mode]):
             return self.missions.is_uploaded
         return self.position_valid
 
-    def fail(self, mode: Px4Mode) -> None:
-        """Begin a PX4 failsafe: fly its mode until the user chooses another."""
+    def fail(self, mode: Px4Mode, *, hold_s: float = 0.0) -> None:
+        """Begin a PX4 failsafe: fly its mode until the user chooses another.
+
+        hold_s: for how long it holds before it acts.
+        """
         self.failsafe = True
         self._failsafe_at_s = self.t_s
-        self.outbox.send_text(CRITICAL, "Failsafe activated\t")
+        after = f": entering Hold for {hold_s:.0f} seconds" if hold_s > 0.0 else ""
+        self.outbox.send_text(CRITICAL, f"Failsafe activated{after}\t")
         self.enter(mode)
 
     def _behaviour(self, mode: Px4Mode) -> GuidanceBehaviour:
@@ -277,15 +306,23 @@ class Px4Core(EmulatedAutopilot[Px4Mode]):
     def _is_forced(self, command: ReceivedCommand) -> bool:
         return command.params[1] == FORCE_DISARM
 
-    def _arming_fault(self, *, force: bool) -> str | None:
-        if self.refusal is None and (self._can_arm() or force):
+    def _arming_fault(self, *, force: bool) -> str | None:  # noqa: ARG002 - ArduCopter skips checks
+        # An arm command from outside never skips the checks (Commander.cpp).
+        if self.refusal is None and self._can_arm():
             return None
         return f"Arming denied: {self.refusal or 'Resolve system health failures first'}\t"
 
     def _begin_flight(self) -> None:
         self.state.home_ned_m = self.state.now.position_ned_m
-        self.outbox.send_text(INFO, "Armed by external command\t")
+        self.outbox.send_text(INFO, f"Armed by {self.armed_by}\t")
         self.flying = False
+
+    def _arming_action(self, number: float) -> float:
+        return math.floor(abs(number) + 0.5) if math.isfinite(number) else 0.0
+
+    @property
+    def _is_on_ground(self) -> bool:
+        return self.flight.landed and not self.flight.takeoff_detected
 
     def _report_not_landed(self) -> None:
         self.outbox.send_text(CRITICAL, "Disarming denied: not landed\t")

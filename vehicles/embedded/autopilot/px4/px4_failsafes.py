@@ -9,6 +9,10 @@ from typing import NamedTuple
 
 from wil_campaign.vehicles.embedded.autopilot.flight.parameter_table import ParameterTable
 
+GCS_SILENT_AFTER_S = 2.5
+"""A ground station whose last heartbeat is older counts as gone (HEARTBEAT_TIMEOUT_US of
+telemetry_status); COM_DL_LOSS_T begins then."""
+
 
 class Px4FailsafeAction(Enum):
     """The action of a PX4 failsafe, mildest first."""
@@ -39,10 +43,11 @@ class Px4FailsafeInputs(NamedTuple):
 
 
 class Px4FailsafeDecision(NamedTuple):
-    """PX4's failsafe decision: its cause and its action."""
+    """PX4's failsafe decision: its cause and its action; a hold before another action lasts."""
 
     cause: str
     action: Px4FailsafeAction
+    hold_s: float = 0.0
 
 
 _OFFBOARD_LOST = {
@@ -118,12 +123,13 @@ class Px4Failsafes:
         if decision.action not in _DELAYED or delay_s <= 0.0:
             return decision
         self._pending = (t_s + delay_s, decision)
-        return Px4FailsafeDecision(decision.cause, Px4FailsafeAction.HOLD)
+        return Px4FailsafeDecision(decision.cause, Px4FailsafeAction.HOLD, delay_s)
 
     def _causes(self, view: Px4FailsafeInputs) -> tuple[tuple[str, Px4FailsafeAction], ...]:
         p, link, fence = self._p, Px4FailsafeAction.NONE, Px4FailsafeAction.NONE
         # A landing that the user commanded goes on without the link (dll_loss_ignored_land).
-        if not view.landing and p["COM_DL_LOSS_T"] < view.gcs_age_s < math.inf:
+        lost_after_s = p["COM_DL_LOSS_T"] + GCS_SILENT_AFTER_S
+        if not view.landing and lost_after_s < view.gcs_age_s < math.inf:
             link = _LINK_LOST.get(int(p["NAV_DLL_ACT"]), Px4FailsafeAction.NONE)
         if view.outside_fence:
             fence = _FENCE.get(int(p["GF_ACTION"]), Px4FailsafeAction.NONE)

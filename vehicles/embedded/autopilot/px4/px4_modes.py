@@ -75,9 +75,28 @@ ENTRIES = tuple(
 )
 
 
+_AUTO, _POSITION = 4, 3
+NOT_EMULATED = {(_POSITION, 2), *((_AUTO, sub) for sub in (8, 9, *range(11, 19)))}
+"""Modes of PX4 that the emulation does not have: slow, following, precise landing, external."""
+
+
 def px4_mode(main: int, sub: int) -> Px4Mode | None:
-    """Return the PX4 mode of these numbers; AUTO without a sub mode is not one."""
+    """Return the PX4 mode of these numbers; AUTO without a sub mode is MISSION."""
+    if (main, sub) == (_AUTO, 0):
+        return Px4Mode.MISSION
     for mode in Px4Mode:
-        if mode.value[0] == main and (main != 4 or mode.value[1] == sub):
+        if mode.value[0] == main and (main != _AUTO or mode.value[1] == sub):
             return mode
     return None
+
+
+def mode_of_flags(base_mode: int) -> Px4Mode | None:
+    """Return the PX4 mode of MAV_MODE_FLAGs without a custom mode; None for none."""
+    if base_mode & mavlink.MAV_MODE_FLAG_AUTO_ENABLED:
+        return Px4Mode.MISSION
+    if not base_mode & mavlink.MAV_MODE_FLAG_MANUAL_INPUT_ENABLED:
+        return None
+    if base_mode & mavlink.MAV_MODE_FLAG_GUIDED_ENABLED:
+        return Px4Mode.POSITION
+    stabilized = base_mode & mavlink.MAV_MODE_FLAG_STABILIZE_ENABLED
+    return Px4Mode.STABILIZED if stabilized else Px4Mode.MANUAL

@@ -21,9 +21,8 @@ FAILED: int = mavlink.MAV_RESULT_FAILED
 FORCE_ARM = 2989.0
 """ArduPilot's param2 of an arm command that skips the checks (AP_Arming)."""
 FORCE_DISARM = 21196.0
-"""param2 that disarms in flight (common.xml); PX4 accepts it for forced arming as well."""
+"""param2 that disarms in flight (common.xml); ArduPilot accepts it for forced arming as well."""
 
-_LOCAL_FRAMES = {mavlink.MAV_FRAME_LOCAL_NED, mavlink.MAV_FRAME_LOCAL_OFFSET_NED}
 _INT_UNSET = 2**31 - 1
 
 
@@ -66,12 +65,11 @@ def command_from_long(message: Any) -> ReceivedCommand:
 
 def command_from_int(message: Any) -> ReceivedCommand:
     """Return the command in a COMMAND_INT."""
-    scale = 1e-4 if message.frame in _LOCAL_FRAMES else 1e-7
     return ReceivedCommand(
         message.command,
         (message.param1, message.param2, message.param3, message.param4),
-        math.nan if message.x == _INT_UNSET else message.x * scale,
-        math.nan if message.y == _INT_UNSET else message.y * scale,
+        math.nan if message.x == _INT_UNSET else message.x * 1e-7,
+        math.nan if message.y == _INT_UNSET else message.y * 1e-7,
         message.z,
         message.frame,
         message.get_srcSystem(),

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
@@ -12,7 +12,6 @@ from wil_campaign.vehicles.embedded.autopilot.services import discovery
 from wil_campaign.vehicles.embedded.autopilot.services.command_registry import (
     ACCEPTED,
     DENIED,
-    FAILED,
     UNSUPPORTED,
     ReceivedCommand,
     command_from_int,
@@ -21,7 +20,7 @@ from wil_campaign.vehicles.embedded.autopilot.services.command_registry import (
     on_message,
     registered_handlers,
 )
-from wil_campaign.vehicles.embedded.autopilot.services.outbox import Outbox
+from wil_campaign.vehicles.embedded.autopilot.services.outbox import INFO, Outbox
 from wil_campaign.vehicles.embedded.autopilot.services.stream_intervals import StreamIntervals
 
 COMPONENT: int = mavlink.MAV_COMP_ID_AUTOPILOT1
@@ -31,11 +30,34 @@ _LONGEST_INTERVAL_US = 2**31 - 1
 """Intervals in MESSAGE_INTERVAL are signed 32-bit integers."""
 
 
+_STOP_US, _DEFAULT_US = -1.0, 0.0
+"""Intervals of SET_MESSAGE_INTERVAL that are none."""
+_TO_ANY_SYSTEM = {
+    mavlink.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES,
+    mavlink.MAV_CMD_REQUEST_PROTOCOL_VERSION,
+}
+_TO_ONE_SYSTEM = ("COMMAND_", "PARAM_", "MISSION_")
+
+
+class MessageRules(NamedTuple):
+    """How a firmware answers about messages.
+
+    takes_broadcasts: obeys commands, parameters and missions to system 0. no_stream, no_message:
+    MAV_RESULT of an interval that it refuses, and of a request for a message that it has not.
+    shortest_us: an interval below is refused; None: sent as often as it can.
+    """
+
+    takes_broadcasts: bool
+    no_stream: int
+    no_message: int
+    shortest_us: float | None
+
+
 class MessageHub:
     """The messages of an emulated autopilot, in and out.
 
     Its parts are objects with methods marked by `on_message`, `on_command` and `on_request`.
-    builders: of messages by id, from the state. modes: in AVAILABLE_MODES.
+    builders: of messages by id, from the state. modes: in AVAILABLE_MODES. rules: the firmware's.
     """
 
     def __init__(
@@ -47,6 +69,7 @@ class MessageHub:
         outbox: Outbox,
         builders: Mapping[int, Builder],
         modes: tuple[discovery.ModeEntry, ...],
+        rules: MessageRules,
     ) -> None:
         self._system_id = system_id
         self._state = state
@@ -54,6 +77,7 @@ class MessageHub:
         self._outbox = outbox
         self._builders = builders
         self._modes = modes
+        self._rules = rules
         self._arrived_s = 0.0
         self.messages: dict[str, Callable[[Any], None]] = {}
         self.commands: dict[int, Callable[[ReceivedCommand], int]] = {}
@@ -75,11 +99,19 @@ class MessageHub:
         component = getattr(message, "target_component", 0)
         if system not in {0, self._system_id} or component not in {0, COMPONENT}:
             return
+        if system == 0 and not self._takes_broadcast(message):
+            return
         handler = self.messages.get(message.get_type())
         if handler is not None:
             self._arrived_s = arrived_s
             handler(message)
             self._outbox.release()
+
+    def _takes_broadcast(self, message: Any) -> bool:
+        """Return whether the firmware obeys this message to all systems (evaluate_target_ok)."""
+        if self._rules.takes_broadcasts or not message.get_type().startswith(_TO_ONE_SYSTEM):
+            return True
+        return getattr(message, "command", None) in _TO_ANY_SYSTEM
 
     def send_due(self) -> None:
         """Queue the messages of all streams that are due."""
@@ -128,14 +160,25 @@ class MessageHub:
     @on_command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL)
     def _set_interval(self, command: ReceivedCommand) -> int:
         number, interval_us = command.whole(0), command.params[1]
-        if number not in mavlink.mavlink_map or math.isnan(interval_us):
-            return DENIED
-        if interval_us == 0.0:
+        if number not in mavlink.mavlink_map or math.isnan(interval_us) or command.whole(2):
+            return self._rules.no_stream
+        if self._is_too_fast(interval_us):
+            self._outbox.send_text(
+                INFO, f"Requested rate for message ID {number} too fast. Increase SCHED_LOOP_RATE"
+            )
+            return self._rules.no_stream
+        if interval_us == _DEFAULT_US:
             self._streams.reset_rate(number, now_s=self._state.clock_s)
         else:
             rate_hz = 1e6 / interval_us if interval_us > 0.0 else 0.0
             self._streams.set_rate(number, rate_hz, now_s=self._state.clock_s)
         return ACCEPTED
+
+    def _is_too_fast(self, interval_us: float) -> bool:
+        shortest_us = self._rules.shortest_us
+        if shortest_us is None or interval_us in {_STOP_US, _DEFAULT_US}:
+            return False
+        return interval_us < shortest_us
 
     @on_command(mavlink.MAV_CMD_GET_MESSAGE_INTERVAL)
     def _get_interval(self, command: ReceivedCommand) -> int:
@@ -156,8 +199,8 @@ class MessageHub:
             modes = discovery.available_modes(self._modes, command.whole(1))
             for message in modes:
                 self._outbox.send_later(message)
-            return ACCEPTED if modes else FAILED
-        return ACCEPTED if self.send(message_id) else FAILED
+            return ACCEPTED if modes else self._rules.no_message
+        return ACCEPTED if self.send(message_id) else self._rules.no_message
 
     @on_command(mavlink.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES)
     def _request_capabilities(self, _: ReceivedCommand) -> int:
@@ -166,4 +209,6 @@ class MessageHub:
 
     @on_command(mavlink.MAV_CMD_GET_HOME_POSITION)
     def _get_home(self, _: ReceivedCommand) -> int:
-        return ACCEPTED if self.send(mavlink.MAVLINK_MSG_ID_HOME_POSITION) else FAILED
+        return (
+            ACCEPTED if self.send(mavlink.MAVLINK_MSG_ID_HOME_POSITION) else self._rules.no_message
+        )

@@ -14,8 +14,11 @@ from wil_campaign.vehicles.embedded.autopilot.flight.mission_items import (
     ItemRules,
     mission_item_fault,
     mission_item_of,
+    stored_mission_frame,
 )
 from wil_campaign.vehicles.embedded.autopilot.services.command_registry import on_message
+from wil_campaign.vehicles.embedded.autopilot.services.mission_download import MissionDownload, Peer
+from wil_campaign.vehicles.embedded.autopilot.services.outbox import CRITICAL, INFO, WARNING
 
 __all__ = ["ACCEPTED", "FENCE", "MISSION", "RALLY", "Accept", "MissionService"]
 
@@ -23,8 +26,9 @@ MISSION: int = mavlink.MAV_MISSION_TYPE_MISSION
 FENCE: int = mavlink.MAV_MISSION_TYPE_FENCE
 RALLY: int = mavlink.MAV_MISSION_TYPE_RALLY
 _ALL: int = mavlink.MAV_MISSION_TYPE_ALL
-_REQUEST_AGAIN_S = 0.5
-_GIVE_UP_S = 5.0
+_REQUEST_AGAIN_S, _COPTER_AGAIN_S = 0.25, 1.0
+_GIVE_UP_S, _COPTER_GIVES_UP_S = 5.0, 8.0
+"""MAVLINK_MISSION_*_TIMEOUT_DEFAULT of PX4; recv_timeout_ms and upload_timeout_ms of ArduPilot."""
 _MAX_ITEMS = 700
 _GUIDED = 2
 """MISSION_ITEM.current of an item to fly to at once."""
@@ -51,13 +55,14 @@ class MissionService:
     clock: of the vehicle, s. home: returns item 0 of every mission, which is home in ArduPilot;
     None when a mission begins with the user's first item, as in PX4. rules: of the items that the
     firmware accepts. go_to: flies to a "guided" MISSION_ITEM (current of 2), which is not part of
-    an upload; returns a MAV_MISSION_RESULT.
+    an upload; returns a MAV_MISSION_RESULT. tell: sends a STATUSTEXT.
     """
 
     def __init__(
         self,
         *,
         send: Callable[[Any], None],
+        tell: Callable[[int, str], None],
         clock: Callable[[], float],
         accept: Accept,
         home: Callable[[], EmulatedMissionItem] | None,
@@ -65,6 +70,7 @@ class MissionService:
         go_to: Callable[[EmulatedMissionItem], int],
     ) -> None:
         self._send = send
+        self._tell = tell
         self._clock = clock
         self._accept = accept
         self._home = home
@@ -76,6 +82,8 @@ class MissionService:
             RALLY: (),
         }
         self._upload: _Upload | None = None
+        self._download: MissionDownload | None = None
+        """Of PX4; ArduPilot sends any item at any time."""
         self._finished: tuple[tuple[int, int], int] | None = None
         """The sender and kind of the last finished upload."""
 
@@ -94,6 +102,7 @@ class MissionService:
         "MISSION_REQUEST_INT",
         "MISSION_REQUEST",
         "MISSION_CLEAR_ALL",
+        "MISSION_ACK",
     )
     def _on_mission(self, message: Any) -> None:
         name, t_s = message.get_type(), self._clock()
@@ -102,30 +111,94 @@ class MissionService:
         elif name in {"MISSION_ITEM_INT", "MISSION_ITEM"}:
             self._take_item(message, t_s)
         elif name == "MISSION_REQUEST_LIST":
-            self._send_count(message)
+            self._list(message, t_s)
         elif name in {"MISSION_REQUEST_INT", "MISSION_REQUEST"}:
-            self._send_item(message)
+            if self._may_send(message, t_s):
+                self._send_item(message)
         elif name == "MISSION_CLEAR_ALL":
             self._clear(message)
+        elif self._home is None:
+            self._take_ack(message)
 
     def turn(self, t_s: float) -> None:
-        """Request a missing mission item again; cancel the upload after a time-out."""
-        upload = self._upload
+        """Request a missing mission item again; end a transfer after a time-out."""
+        px4, upload, download = self._home is None, self._upload, self._download
+        if download is not None and t_s - download.last_received_s > _GIVE_UP_S:
+            self._download = None
+            self._tell(CRITICAL, "Operation timeout\t")
         if upload is None:
             return
-        if t_s - upload.last_received_s > _GIVE_UP_S:
-            self._upload = None
-            self._ack(upload.peer, mavlink.MAV_MISSION_OPERATION_CANCELLED, upload.kind)
-        elif t_s - upload.requested_s > _REQUEST_AGAIN_S:
+        if t_s - upload.last_received_s > (_GIVE_UP_S if px4 else _COPTER_GIVES_UP_S):
+            self._give_up(upload)
+        elif t_s - upload.requested_s > (_REQUEST_AGAIN_S if px4 else _COPTER_AGAIN_S):
             self._request_next(upload, t_s)
+
+    def _give_up(self, upload: _Upload) -> None:
+        self._upload = None
+        if self._home is None:
+            self._tell(CRITICAL, "Operation timeout\t")
+            return
+        self._ack(upload.peer, mavlink.MAV_MISSION_OPERATION_CANCELLED, upload.kind)
+        self._tell(WARNING, "Mission upload timeout")
+
+    # PX4's downloads.
+
+    def _list(self, message: Any, t_s: float) -> None:
+        """Send a list's count; PX4 begins a download, if it has nothing else to do."""
+        kind, peer = message.mission_type, _peer(message)
+        if self._home is None:
+            before = self._download
+            if self._upload is not None or (before and not before.may_restart(kind, peer)):
+                self._tell(INFO, "Mission download request ignored, already active\t")
+                return
+            count = len(self._lists.get(kind, ()))
+            self._download = MissionDownload(kind=kind, count=count, peer=peer, t_s=t_s)
+        self._send_count(message)
+
+    def _may_send(self, message: Any, t_s: float) -> bool:
+        """Return whether an item is sent; one out of its order ends PX4's download."""
+        download, peer = self._download, _peer(message)
+        if self._home is not None:
+            return True
+        if download is None or (download.kind, download.peer) != (message.mission_type, peer):
+            return False
+        download.last_received_s = t_s
+        if download.takes(message.seq):
+            return True
+        self._download = None
+        self._reject(peer, message.mission_type, "WPM: REJ. CMD: Req. WP was unexpected\t")
+        return False
+
+    def _take_ack(self, message: Any) -> None:
+        """End a download, or an upload that its client cancels."""
+        download, upload, peer = self._download, self._upload, _peer(message)
+        if download and (download.peer, download.kind) == (peer, message.mission_type):
+            self._download = None
+        cancelled = message.type == mavlink.MAV_MISSION_OPERATION_CANCELLED
+        if upload and cancelled and upload.peer == peer:
+            self._upload = None
+
+    def _reject(self, peer: Peer, kind: int, text: str) -> None:
+        self._ack(peer, mavlink.MAV_MISSION_ERROR, kind)
+        self._tell(CRITICAL, text)
+
+    # Uploads.
 
     def _begin(self, message: Any, t_s: float) -> None:
         peer, kind, upload = _peer(message), message.mission_type, self._upload
         if kind not in self._lists:
-            self._ack(peer, mavlink.MAV_MISSION_UNSUPPORTED, kind)
+            no_list = mavlink.MAV_MISSION_NO_SPACE, mavlink.MAV_MISSION_UNSUPPORTED
+            self._ack(peer, no_list[self._home is not None], kind)
         elif upload is not None and upload.peer != peer:
             busy = mavlink.MAV_MISSION_ERROR if self._home is None else mavlink.MAV_MISSION_DENIED
             self._ack(peer, busy, kind)
+        elif self._download is not None:
+            self._reject(peer, kind, "WPM: IGN MISSION_COUNT: Busy\t")
+        elif self._home is None and upload is not None and upload.items:
+            self._reject(peer, kind, "WPM: REJ. CMD: Busy\t")
+        elif self._home is None and upload is not None and kind == upload.kind:
+            # The request may have been lost; PX4 keeps the first count.
+            self._request_next(upload, t_s)
         elif message.count > _MAX_ITEMS:
             self._ack(peer, mavlink.MAV_MISSION_NO_SPACE, kind)
         elif message.count == 0:
@@ -176,6 +249,8 @@ class MissionService:
         if result == ACCEPTED:
             self._lists[kind] = items
             self._finished = (peer, kind)
+            if self._home is not None and kind == MISSION:
+                self._tell(INFO, "Flight plan received")
         self._ack(peer, result, kind)
 
     def _request_next(self, upload: _Upload, t_s: float) -> None:
@@ -189,18 +264,23 @@ class MissionService:
         self._send(request(*upload.peer, len(upload.items), upload.kind))
 
     def _send_count(self, message: Any) -> None:
-        kind = message.mission_type
-        count = len(self.items(kind))
-        self._send(mavlink.MAVLink_mission_count_message(*_peer(message), count, kind))
+        kind, peer = message.mission_type, _peer(message)
+        if kind not in self._lists and self._home is not None:
+            self._ack(peer, mavlink.MAV_MISSION_UNSUPPORTED, kind)
+            return
+        # Without a mission ArduPilot counts no home, though item 0 can be read.
+        count = len(self._lists.get(kind, ()))
+        self._send(mavlink.MAVLink_mission_count_message(*peer, count, kind))
 
     def _send_item(self, message: Any) -> None:
         kind, peer = message.mission_type, _peer(message)
         items = self.items(kind)
         if message.seq >= len(items):
-            self._ack(peer, mavlink.MAV_MISSION_INVALID_SEQUENCE, kind)
+            self._refuse_request(message, peer)
             return
         item = items[message.seq]
-        head = (*peer, message.seq, item.frame, item.command, 0, item.autocontinue, *item.params)
+        frame = stored_mission_frame(item, self._rules) if kind == MISSION else item.frame
+        head = (*peer, message.seq, frame, item.command, 0, item.autocontinue, *item.params)
         if message.get_type() == "MISSION_REQUEST_INT":
             self._send(
                 mavlink.MAVLink_mission_item_int_message(*head, item.x, item.y, item.z, kind)
@@ -212,8 +292,19 @@ class MissionService:
                 )
             )
 
+    def _refuse_request(self, message: Any, peer: tuple[int, int]) -> None:
+        """Answer a request beyond the end; ArduPilot tells a mission's count again."""
+        if self._home is not None and message.mission_type == MISSION:
+            self._send_count(message)
+            self._ack(peer, mavlink.MAV_MISSION_ERROR, MISSION)
+        else:
+            self._ack(peer, mavlink.MAV_MISSION_INVALID_SEQUENCE, message.mission_type)
+
     def _clear(self, message: Any) -> None:
         kind = message.mission_type
+        if self._home is None and (self._download or self._upload):
+            self._tell(CRITICAL, "WPM: IGN CLEAR CMD: Busy\t")
+            return
         for each in self._lists if kind == _ALL else {kind} & self._lists.keys():
             self._accept(each, ())
             self._lists[each] = ()

@@ -59,7 +59,7 @@ class ParameterService:
         elif name is None or name not in self._parameters:
             self._refuse(message, index)
         else:
-            self._outbox.send(self._value(name, indexed=True))
+            self._outbox.send(self._value(name, indexed=self._strict or index >= 0))
 
     @on_message("PARAM_SET")
     def _on_set(self, message: Any) -> None:

@@ -104,7 +104,8 @@ def test_the_state_of_a_mission_is_reported(rig: Any, virtually: Scenario, autop
             assert await r.command(MODE, 1, *hold) == 0
             assert await state() == mavlink.MISSION_STATE_PAUSED
             assert await r.command(224, last) == 0
-            assert await r.command(224, last + 1) == mavlink.MAV_RESULT_FAILED
+            refused = mavlink.MAV_RESULT_FAILED if autopilot == "px4" else mavlink.MAV_RESULT_DENIED
+            assert await r.command(224, last + 1) == refused
             # PX4's command begins anew, its mode goes on; ArduCopter goes on by both.
             again = (MODE, 1, 4, 4) if autopilot == "px4" else (START,)
             assert await r.command(*again) == 0

@@ -6,6 +6,7 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from tests.vehicles.embedded.autopilot.bare_autopilot import BareAutopilot
 from tests.vehicles.embedded.charge import set_remaining
 
 HOLD, TAKEOFF_MODE, RTL_MODE, LAND_MODE = 0x03040000, 0x02040000, 0x05040000, 0x06040000
@@ -132,7 +133,10 @@ def test_a_lost_ground_station_is_held_for_then_acted_on(rig: Any, virtually: Sc
         async with px4(rig, parameters={"NAV_DLL_ACT": 2, "COM_DL_LOSS_T": 5}) as r:
             await r.hover()
             r.silence()
-            assert await r.until(lambda: r.vehicle.autopilot.failsafe) == pytest.approx(5, abs=0.6)
+            # COM_DL_LOSS_T, once the heartbeat counts as gone after 2.5 s.
+            assert await r.until(lambda: r.vehicle.autopilot.failsafe) == pytest.approx(
+                7.5, abs=0.6
+            )
             await asyncio.sleep(1.0)
             assert r.custom_mode == HOLD
             await asyncio.sleep(5.5)
@@ -223,7 +227,7 @@ def test_disarming_in_the_air_needs_force(rig: Any, virtually: Scenario) -> None
 def test_termination_cuts_the_motors_for_good(rig: Any, virtually: Scenario) -> None:
     async def scenario() -> None:
         async with px4(rig) as r:
-            assert await r.command(185, 1) == mavlink.MAV_RESULT_UNSUPPORTED
+            assert await r.command(185, 1) == mavlink.MAV_RESULT_DENIED
             await r.hover()
             assert await r.command(185, 1) == 0
             await asyncio.sleep(2.0)
@@ -331,8 +335,14 @@ def test_manual_modes_cannot_be_flown_without_sticks(rig: Any, virtually: Scenar
             assert await r.command(176, 1, 4, 3) == 0
             await r.hover()
             assert await r.command(176, 1, 3) == mavlink.MAV_RESULT_TEMPORARILY_REJECTED
-            assert await r.command(176, 1, 99) == mavlink.MAV_RESULT_DENIED
-            assert await r.command(176, 0, 4, 3) == mavlink.MAV_RESULT_DENIED
+            # Unknown numbers change nothing, and are accepted (Commander.cpp); AUTO's are not.
+            assert await r.command(176, 1, 99) == 0
+            assert await r.command(176, 0, 4, 3) == 0
+            assert await r.command(176, 1, 4, 99) == mavlink.MAV_RESULT_TEMPORARILY_REJECTED
+            # The emulation has no precision landing.
+            assert await r.command(176, 1, 4, 9) == mavlink.MAV_RESULT_DENIED
+            await asyncio.sleep(1.1)
+            assert r.custom_mode == 4 << 16 | 3 << 24
 
     virtually(scenario())
 
@@ -364,3 +374,38 @@ def test_return_height_is_a_cone_near_home(rig: Any, virtually: Scenario) -> Non
     assert virtually(scenario(1.0)) == 3.0
     assert virtually(scenario(5.0)) == pytest.approx(10.0, abs=1.0)
     assert virtually(scenario(14.0)) == 30.0
+
+
+def test_disarming_is_refused_from_the_takeoff_on_and_numbers_are_rounded() -> None:
+    """The land detector sees a takeoff before the vehicle leaves the ground; lroundf(param1)."""
+    bare = BareAutopilot("px4")
+    bare.run(7.0)
+    assert bare.command(176, 1, 4, 2) == 0
+    assert bare.command(400, 0.6) == 0
+    bare.run(1.0)
+    assert bare.command(400, 0.4) == 0
+    assert bare.command(400, 1) == 0
+    bare.run(2.2)
+    assert bare.autopilot.flight.landed
+    assert bare.command(400, 0) == mavlink.MAV_RESULT_TEMPORARILY_REJECTED
+
+
+def test_a_return_and_a_landing_by_command_have_texts() -> None:
+    bare = BareAutopilot("px4")
+    bare.hover()
+    bare.send(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3))
+    assert bare.command(20) == 0
+    said = [each.text for each in bare.run(0.1) if each.get_type() == "STATUSTEXT"]
+    assert said[0] == "Returning to launch\t"
+    assert said[1].startswith("RTL: start return")
+    assert bare.command(21) == 0
+    said = [each.text for each in bare.run(0.1) if each.get_type() == "STATUSTEXT"]
+    assert said == ["Landing at current position\t"]
+
+
+def test_a_reboot_of_nothing_is_accepted_and_of_others_denied() -> None:
+    bare = BareAutopilot("px4")
+    bare.run(7.0)
+    assert bare.command(246, 0) == 0
+    assert bare.command(246, 5) == mavlink.MAV_RESULT_DENIED
+    assert not bare.autopilot.reboot_requested

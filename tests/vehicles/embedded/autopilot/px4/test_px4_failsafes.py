@@ -6,6 +6,7 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from tests.vehicles.embedded.autopilot.bare_autopilot import BareAutopilot
+from wil_campaign.vehicles.embedded.autopilot.flight.guidance import GoToBehaviour
 from wil_campaign.vehicles.embedded.autopilot.flight.parameter_table import load_parameters
 from wil_campaign.vehicles.embedded.autopilot.px4.px4 import Px4
 from wil_campaign.vehicles.embedded.autopilot.px4.px4_failsafes import (
@@ -14,6 +15,7 @@ from wil_campaign.vehicles.embedded.autopilot.px4.px4_failsafes import (
     Px4FailsafeInputs,
     Px4Failsafes,
 )
+from wil_campaign.vehicles.embedded.autopilot.px4.px4_modes import Px4Mode
 from wil_campaign.vehicles.embedded.autopilot.services.fence_items import EmulatedFence
 from wil_campaign.vehicles.mavlink.fence_areas import FenceCircle
 
@@ -86,7 +88,8 @@ def test_it_does_not_arm_outside_its_fence(action: int) -> None:
         "Geofence: approaching or outside geofence\t"
         "Arming denied: Resolve system health failures first\t"
     )
-    assert bare.command(ARM, 1, FORCE) == mavlink.MAV_RESULT_ACCEPTED
+    # Commander::handle_command: an arm command from outside runs the checks, forced or not.
+    assert bare.command(ARM, 1, FORCE) == mavlink.MAV_RESULT_TEMPORARILY_REJECTED
 
 
 def test_a_fence_without_an_action_is_no_matter_of_arming() -> None:
@@ -98,3 +101,44 @@ def test_it_does_not_arm_above_its_ceiling() -> None:
     bare.height_m = 20.0
     bare.run(0.1)
     assert bare.command(ARM, 1) == mavlink.MAV_RESULT_TEMPORARILY_REJECTED
+
+
+@pytest.mark.parametrize(
+    ("action", "mode"), [(3, Px4Mode.RTL), (4, Px4Mode.LAND), (5, Px4Mode.HOLD)]
+)
+def test_offboard_goes_on_once_there_are_setpoints_again(action: int, mode: Px4Mode) -> None:
+    """FailsafeBase: OFFBOARD stays what the user wants, until he wants something else."""
+    bare = BareAutopilot("px4", parameters={"COM_OBL_RC_ACT": action})
+    bare.hover()
+    setpoint = mavlink.MAVLink_set_position_target_local_ned_message(
+        0, 1, 1, 1, 0b110111000111, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0
+    )
+    bare.send(setpoint)
+    assert bare.command(176, 1, 6) == mavlink.MAV_RESULT_ACCEPTED
+    bare.run(1.2)
+    assert bare.autopilot.mode is mode
+    bare.send(setpoint)
+    bare.run(0.1)
+    assert bare.autopilot.mode is Px4Mode.OFFBOARD
+    assert not bare.autopilot.failsafe
+    bare.run(1.2)
+    assert bare.autopilot.mode is mode
+    assert bare.command(176, 1, 4, 3) == mavlink.MAV_RESULT_ACCEPTED
+    bare.send(setpoint)
+    bare.run(0.1)
+    assert bare.autopilot.mode is Px4Mode.HOLD
+
+
+@pytest.mark.parametrize(("action", "goes"), [(1, True), (2, False)])
+def test_a_reposition_outside_of_its_fence_holds(action: int, goes: bool) -> None:
+    """Navigator::geofence_allows_position; commander has accepted it by then."""
+    bare = BareAutopilot("px4", parameters={"GF_ACTION": action, "GF_MAX_HOR_DIST": 20.0})
+    bare.hover()
+    bare.send(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3))
+    where = bare.autopilot.state.frame.to_geodetic((30.0, 0.0, -3.0))
+    place = (where.latitude_deg, where.longitude_deg, where.altitude_m)
+    nan = float("nan")
+    assert bare.command(192, -1, 1, 0, nan, *place) == mavlink.MAV_RESULT_ACCEPTED
+    texts = [each.text for each in bare.run(0.1) if each.get_type() == "STATUSTEXT"]
+    assert ("Reposition is outside geofence\t" in texts) is not goes
+    assert isinstance(bare.autopilot.flight.behaviour, GoToBehaviour) is goes

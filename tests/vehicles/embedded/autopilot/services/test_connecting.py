@@ -244,6 +244,9 @@ def test_what_neither_embedded_vehicle_has_is_refused_or_ignored(autopilot: str)
     bare = BareAutopilot(autopilot)
     bare.hover()
     assert bare.command(mavlink.MAV_CMD_REQUEST_MESSAGE, PROTOCOL_VERSION) != 0
+    # Orbit, height, servo, gripper, calibration, storage, arming check, standard mode, banner.
+    for number in (34, 186, 183, 211, 241, 245, 401, 262, 42428):
+        assert bare.command(number, 1) == mavlink.MAV_RESULT_UNSUPPORTED, number
     upright = [1.0, 0.0, 0.0, 0.0]
     attitude = mavlink.MAVLink_set_attitude_target_message(0, 1, 1, 0, upright, 0, 0, 0, 0.9)
     assert not bare.send(attitude)

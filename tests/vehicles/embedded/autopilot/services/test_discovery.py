@@ -28,7 +28,8 @@ def test_modes_are_listed(rig: Any, virtually: Scenario, autopilot: str) -> None
             assert len(listed) == listed[0][8] == (11 if autopilot == "px4" else 10)
             assert await r.command(512, MODES, 2) == 0
             assert modes_in(bytes(r.raw), MODES)[-1] == listed[1]
-            assert await r.command(512, MODES, 99) == mavlink.MAV_RESULT_FAILED
+            refused = mavlink.MAV_RESULT_DENIED if autopilot == "px4" else mavlink.MAV_RESULT_FAILED
+            assert await r.command(512, MODES, 99) == refused
             assert await r.command(512, MODE) == 0
             (current,) = modes_in(bytes(r.raw), MODE)
             assert int.from_bytes(current[:4].ljust(4, b"\0"), "little") == r.custom_mode
@@ -96,10 +97,12 @@ def test_impossible_homes_are_refused(rig: Any, virtually: Scenario, autopilot: 
     async def scenario() -> None:
         async with rig(autopilot=autopilot) as r:
             await asyncio.sleep(25.0)
-            denied = mavlink.MAV_RESULT_DENIED
-            assert await r.command(179, 0, 0, 0, 0, 473977420.0, 85455940.0, 490.0) == denied
+            denied, px4 = mavlink.MAV_RESULT_DENIED, autopilot == "px4"
+            off_globe = denied if px4 else mavlink.MAV_RESULT_FAILED
+            assert await r.command(179, 0, 0, 0, 0, 473977420.0, 85455940.0, 490.0) == off_globe
             assert await r.command(179, 0, 0, 0, 0, 47.4, 8.55, 3e6) == denied
-            assert await r.command(176, float("nan"), float("nan"), float("nan")) == denied
+            no_mode = await r.command(176, float("nan"), float("nan"), float("nan"))
+            assert no_mode == (0 if px4 else denied)
             assert await r.command(510, 1e9) == denied
             assert await r.command(512, float("nan")) == 0
             assert await r.command(410) == 0

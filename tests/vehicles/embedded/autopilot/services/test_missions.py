@@ -7,6 +7,9 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from tests.vehicles.embedded.autopilot.bare_autopilot import BareAutopilot
+from wil_campaign.vehicles.embedded.autopilot.flight.mission_items import PLACED
+
 Scenario = Callable[[Any], Any]
 BOTH = pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
 GLOBAL_RELATIVE = mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT
@@ -14,8 +17,9 @@ GLOBAL_RELATIVE = mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT
 
 def item(seq: int, command: int, kind: int, **values: Any) -> Any:
     params = values.get("params", (0.0, 0.0, 0.0, 0.0))
+    usual = GLOBAL_RELATIVE if kind or command in PLACED else mavlink.MAV_FRAME_MISSION
     return mavlink.MAVLink_mission_item_int_message(
-        1, 1, seq, values.get("frame", GLOBAL_RELATIVE), command, 0, 1, *params,
+        1, 1, seq, values.get("frame", usual), command, 0, 1, *params,
         values.get("x", 0), values.get("y", 0), values.get("z", 0.0), kind,
     )  # fmt: skip
 
@@ -56,6 +60,8 @@ async def download(r: Any, kind: int) -> list[Any]:
         await asyncio.sleep(0.05)
         items.append(r.last["MISSION_ITEM_INT"])
         assert items[-1].seq == seq
+    r.send(mavlink.MAVLink_mission_ack_message(1, 1, 0, kind))
+    await asyncio.sleep(0.05)
     return items
 
 
@@ -92,12 +98,12 @@ def test_lists_are_uploaded_read_back_and_cleared(
             first = 1 if (autopilot, kind) == ("ardupilot", 0) else 0
             for sent, got in list(zip(items, back, strict=True))[first:]:
                 assert (got.command, got.x, got.y, got.z) == (sent.command, sent.x, sent.y, sent.z)
-                assert (got.frame, got.param1) == (sent.frame, sent.param1)
+                plain = mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT if first else sent.frame
+                assert (got.frame, got.param1) == (plain, sent.param1)
             r.send(mavlink.MAVLink_mission_clear_all_message(1, 1, kind))
             await asyncio.sleep(0.05)
             assert r.last["MISSION_ACK"].type == 0
-            left = 1 if (autopilot, kind) == ("ardupilot", 0) else 0
-            assert len(await download(r, kind)) == left
+            assert await download(r, kind) == []
 
     virtually(scenario())
 
@@ -126,9 +132,10 @@ def test_a_lost_item_is_asked_for_again(rig: Any, virtually: Scenario, autopilot
         async with rig(autopilot=autopilot) as r:
             await asyncio.sleep(1.0)
             r.send(mavlink.MAVLink_mission_count_message(1, 1, 2, 2))
-            await asyncio.sleep(1.3)
+            await asyncio.sleep(2.1)
             asked = [m.seq for m in requests(r)]
-            assert asked == [0, 0, 0]
+            # MAVLINK_MISSION_RETRY_TIMEOUT_DEFAULT of PX4, recv_timeout_ms of ArduPilot.
+            assert asked == [0] * (9 if autopilot == "px4" else 3)
             # Out of order: asked again for the one that is due.
             r.send(item(1, 5100, 2))
             await asyncio.sleep(0.05)
@@ -139,17 +146,25 @@ def test_a_lost_item_is_asked_for_again(rig: Any, virtually: Scenario, autopilot
             assert r.last["MISSION_ACK"].type == 0
             r.last.pop("MISSION_ACK")
             r.send(mavlink.MAVLink_mission_count_message(1, 1, 2, 2))
-            await asyncio.sleep(6.0)
-            cancelled = mavlink.MAV_MISSION_OPERATION_CANCELLED
-            assert r.last["MISSION_ACK"].type == cancelled
+            await asyncio.sleep(5.5)
+            assert "MISSION_ACK" not in r.last
+            await asyncio.sleep(3.5)
+            if autopilot == "px4":
+                # PX4 acknowledges nothing then.
+                assert "MISSION_ACK" not in r.last
+            else:
+                cancelled = mavlink.MAV_MISSION_OPERATION_CANCELLED
+                assert r.last["MISSION_ACK"].type == cancelled
             r.send(mavlink.MAVLink_mission_request_int_message(1, 1, 99, 2))
             r.send(mavlink.MAVLink_mission_count_message(1, 1, 2, 77))
             await asyncio.sleep(0.05)
-            refused = [m.type for m in r.of("MISSION_ACK")[-2:]]
-            assert refused == [
-                mavlink.MAV_MISSION_INVALID_SEQUENCE,
-                mavlink.MAV_MISSION_UNSUPPORTED,
-            ]
+            refused = [m.type for m in r.of("MISSION_ACK")[1 if autopilot == "px4" else 2 :]]
+            # PX4 answers no request without a list, and of an unknown one none has space.
+            assert refused == (
+                [mavlink.MAV_MISSION_NO_SPACE]
+                if autopilot == "px4"
+                else [mavlink.MAV_MISSION_INVALID_SEQUENCE, mavlink.MAV_MISSION_UNSUPPORTED]
+            )
 
     virtually(scenario())
 
@@ -257,3 +272,123 @@ def test_flies_an_uploaded_mission(rig: Any, virtually: Scenario, autopilot: str
             assert reached == ([0, 1, 2] if autopilot == "px4" else [1, 2, 3])
 
     virtually(scenario())
+
+
+MISSION, ANY = mavlink.MAV_FRAME_MISSION, mavlink.MAV_MISSION_UNSUPPORTED
+
+
+@pytest.mark.parametrize(
+    ("command", "frame", "px4", "copter"),
+    [
+        (16, GLOBAL_RELATIVE, 0, 0),
+        (16, MISSION, ANY, 0),
+        (178, MISSION, 0, 0),
+        (178, GLOBAL_RELATIVE, ANY, 0),
+        (178, mavlink.MAV_FRAME_LOCAL_NED, mavlink.MAV_MISSION_UNSUPPORTED_FRAME, 0),
+    ],
+)
+def test_px4_wants_the_frame_of_an_item_s_kind(
+    command: int, frame: int, px4: int, copter: int
+) -> None:
+    """parse_mavlink_mission_item of PX4; mavlink_int_to_mission_cmd of ArduPilot."""
+    for autopilot, result in (("px4", px4), ("ardupilot", copter)):
+        bare = BareAutopilot(autopilot)
+        bare.run(3.0)
+        bare.send(mavlink.MAVLink_mission_count_message(1, 1, 2, 0))
+        bare.send(item(0, 16, 0, x=474000000, y=85500000, z=5.0))
+        (ack,) = bare.send(item(1, command, 0, frame=frame, params=(1.0, 5.0, -1.0, 0.0)))
+        assert (ack.get_type(), ack.type) == ("MISSION_ACK", result), autopilot
+
+
+def test_arducopter_counts_no_home_without_a_mission_and_sends_plain_frames() -> None:
+    """MissionItemProtocol_Waypoints::get_item, item_count; mission_cmd_to_mavlink_int."""
+    bare = BareAutopilot("ardupilot")
+    bare.run(25.0)
+    ask = mavlink.MAVLink_mission_request_list_message(1, 1, 0)
+    assert [each.count for each in bare.send(ask)] == [0]
+    (refused,) = bare.send(mavlink.MAVLink_mission_request_list_message(1, 1, 9))
+    assert refused.type == mavlink.MAV_MISSION_UNSUPPORTED
+    assert bare.command(224, 0) == mavlink.MAV_RESULT_DENIED
+    bare.send(mavlink.MAVLink_mission_count_message(1, 1, 3, 0))
+    for each in (item(0, 16, 0), item(1, 16, 0, z=5.0), item(2, 178, 0)):
+        bare.send(each)
+    assert [each.count for each in bare.send(ask)] == [3]
+    frames = [
+        bare.send(mavlink.MAVLink_mission_request_int_message(1, 1, seq, 0))[0].frame
+        for seq in range(3)
+    ]
+    assert frames == [0, mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT, 0]
+    count, ack = bare.send(mavlink.MAVLink_mission_request_int_message(1, 1, 3, 0))
+    assert (count.count, ack.type) == (3, mavlink.MAV_MISSION_ERROR)
+    assert [bare.command(224, seq) for seq in (2, 3, -1)] == [0, 2, 2]
+
+
+def texts_of(bare: BareAutopilot) -> list[str]:
+    return [each.text for each in bare.run(0.04) if each.get_type() == "STATUSTEXT"]
+
+
+def test_px4_takes_nothing_else_until_its_list_is_read() -> None:
+    """mavlink_mission.cpp: MAVLINK_WPM_STATE_SENDLIST; as flown with 1.16."""
+    bare = BareAutopilot("px4")
+    bare.run(3.0)
+    bare.send(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3))
+    bare.run(0.1)
+    count = mavlink.MAVLink_mission_count_message(1, 1, 2, 0)
+    ask = mavlink.MAVLink_mission_request_list_message(1, 1, 0)
+    done = mavlink.MAVLink_mission_ack_message(1, 1, 0, 0)
+    clear = mavlink.MAVLink_mission_clear_all_message(1, 1, 0)
+
+    def wanted(seq: int) -> Any:
+        return mavlink.MAVLink_mission_request_int_message(1, 1, seq, 0)
+
+    def kinds(message: Any) -> list[str]:
+        return [each.get_type() for each in bare.send(message)]
+
+    assert kinds(wanted(0)) == []
+    assert kinds(ask) == ["MISSION_COUNT"]
+    assert bare.send(count)[0].type == mavlink.MAV_MISSION_ERROR
+    assert texts_of(bare) == ["WPM: IGN MISSION_COUNT: Busy\t"]
+    assert kinds(done) == []
+    assert kinds(count) == ["MISSION_REQUEST_INT"]
+    assert kinds(ask) == []
+    bare.send(item(0, 16, 0, z=5.0))
+    assert bare.send(count)[0].type == mavlink.MAV_MISSION_ERROR
+    assert kinds(clear) == []
+    assert bare.send(item(1, 16, 0, z=5.0))[0].type == mavlink.MAV_MISSION_ACCEPTED
+    bare.run(0.1)
+    # In their order, the last one again; one that is not next ends the download.
+    assert kinds(ask) == ["MISSION_COUNT"]
+    assert [kinds(wanted(seq)) for seq in (0, 0, 1)] == 3 * [["MISSION_ITEM_INT"]]
+    assert kinds(wanted(0)) == ["MISSION_ACK"]
+    assert kinds(wanted(1)) == []
+    assert kinds(ask) == ["MISSION_COUNT"]
+    bare.run(5.1)
+    assert kinds(clear) == ["MISSION_ACK"]
+
+
+@pytest.mark.parametrize(
+    ("items", "why"),
+    [
+        ([(21, 0.0)], "starts with land waypoint."),
+        ([(22, 0.0)], "Takeoff altitude below home altitude!"),
+        ([(16, 5.0), (22, 5.0)], "takeoff not first waypoint item"),
+        ([(178, 0.0), (22, 5.0), (21, 0.0)], None),
+    ],
+)
+def test_px4_does_not_fly_a_mission_that_is_not_feasible(
+    items: list[tuple[int, float]], why: str | None
+) -> None:
+    """FeasibilityChecker.cpp; the upload is accepted all the same."""
+    bare = BareAutopilot("px4")
+    bare.run(7.0)
+    bare.send(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3))
+    bare.run(0.1)
+    count = mavlink.MAVLink_mission_count_message(1, 1, len(items), 0)
+    bare.send(count)
+    assert bare.send(count)[0].seq == 0
+    for seq, (command, z) in enumerate(items):
+        (answer,) = bare.send(item(seq, command, 0, x=474000000, y=85500000, z=z))
+    assert answer.type == mavlink.MAV_MISSION_ACCEPTED
+    assert "".join(texts_of(bare)) == ("" if why is None else f"Mission rejected: {why}\t")
+    result = mavlink.MAV_RESULT_ACCEPTED if why is None else mavlink.MAV_RESULT_DENIED
+    assert bare.command(300) == result

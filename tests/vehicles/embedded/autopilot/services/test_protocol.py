@@ -64,6 +64,10 @@ def test_ardupilot_parameters_are_cast(rig: Any, virtually: Scenario) -> None:
             answer = r.last["PARAM_VALUE"]
             assert (answer.param_value, answer.param_type) == (5.0, mavlink.MAV_PARAM_TYPE_INT8)
             assert answer.param_index == 65535
+            for name, index, told in ((b"LAND_SPEED", -1, 65535), (b"", 5, 5)):
+                r.send(mavlink.MAVLink_param_request_read_message(1, 1, name, index))
+                await asyncio.sleep(0.05)
+                assert r.last["PARAM_VALUE"].param_index == told
             r.send(mavlink.MAVLink_param_set_message(1, 1, b"LAND_SPEED", 25.0, 9))
             await asyncio.sleep(0.05)
             assert r.last["PARAM_VALUE"].param_value == 25.0
@@ -121,8 +125,14 @@ def test_message_intervals(rig: Any, virtually: Scenario, autopilot: str) -> Non
             await asyncio.sleep(2.0)
             default_hz = 20 if autopilot == "px4" else 0
             assert len(r.of("ATTITUDE")) - before == pytest.approx(2 * default_hz, abs=2)
-            assert await r.command(511, 999999, 1000) == mavlink.MAV_RESULT_DENIED
-            assert await r.command(512, 999999) == mavlink.MAV_RESULT_FAILED
+            denied, failed = mavlink.MAV_RESULT_DENIED, mavlink.MAV_RESULT_FAILED
+            no_stream, no_message = (failed, denied) if autopilot == "px4" else (denied, failed)
+            assert await r.command(511, 999999, 1000) == no_stream
+            assert await r.command(511, 30, 50000, 1) == no_stream
+            assert await r.command(511, 30, 50000, math.nan) == 0
+            assert await r.command(512, 999999) == no_message
+            # ArduPilot sends nothing at more than its loop rate.
+            assert await r.command(511, 30, 2000) == (0 if autopilot == "px4" else denied)
 
     virtually(scenario())
 
@@ -140,8 +150,15 @@ def test_unknown_commands_are_unsupported_and_others_left_alone(
             r.link.write(bytes(range(256)) * 3 + bytes(300))
             await asyncio.sleep(0.1)
             assert [m.command for m in r.of("COMMAND_ACK")] == [31000]
-            # Broadcast is for everybody.
-            r.send(mavlink.MAVLink_command_long_message(0, 0, 512, 0, 148, 0, 0, 0, 0, 0, 0))
+            # To all systems: PX4 obeys no such command but those of discovery, nor parameters.
+            r.send(mavlink.MAVLink_command_long_message(0, 0, 512, 0, 24, 0, 0, 0, 0, 0, 0))
+            r.send(mavlink.MAVLink_param_request_list_message(0, 0))
+            r.send(mavlink.MAVLink_mission_request_list_message(0, 0))
+            await asyncio.sleep(0.5)
+            for answer in ("COMMAND_ACK", "PARAM_VALUE", "MISSION_COUNT"):
+                assert len(r.of(answer)) > (answer == "COMMAND_ACK") or autopilot == "px4", answer
+                assert len(r.of(answer)) <= (answer == "COMMAND_ACK") or autopilot != "px4", answer
+            r.send(mavlink.MAVLink_command_long_message(0, 0, 520, 0, 1, 0, 0, 0, 0, 0, 0))
             await asyncio.sleep(0.1)
             assert "AUTOPILOT_VERSION" in r.last
 
@@ -169,7 +186,8 @@ def test_reboots_only_disarmed_and_keeps_its_parameters(
     async def scenario() -> None:
         async with rig(autopilot=autopilot) as r:
             await r.hover()
-            assert await r.command(246, 1) == mavlink.MAV_RESULT_TEMPORARILY_REJECTED
+            refused = mavlink.MAV_RESULT_DENIED if autopilot == "px4" else mavlink.MAV_RESULT_FAILED
+            assert await r.command(246, 1) == refused
             await r.command(21)
             await r.until(lambda: not r.armed)
             r.send(mavlink.MAVLink_param_set_message(1, 1, name.encode(), 0.75, 9))
@@ -187,7 +205,8 @@ def test_home_is_set_asked_for_and_moved(rig: Any, virtually: Scenario, autopilo
     async def scenario() -> None:
         async with rig(autopilot=autopilot) as r:
             await asyncio.sleep(1.0)
-            assert await r.command(410) == mavlink.MAV_RESULT_FAILED
+            refused = mavlink.MAV_RESULT_DENIED if autopilot == "px4" else mavlink.MAV_RESULT_FAILED
+            assert await r.command(410) == refused
             await asyncio.sleep(24.0)
             assert await r.command(410) == 0
             home = r.last["HOME_POSITION"]
@@ -195,8 +214,6 @@ def test_home_is_set_asked_for_and_moved(rig: Any, virtually: Scenario, autopilo
             assert await r.command(179, 0, 0, 0, 0, 47.4, 8.55, 490.0) == 0
             await asyncio.sleep(0.1)
             assert r.last["HOME_POSITION"].latitude == pytest.approx(474000000, abs=20)
-            assert await r.command(179, 0, 0, 0, 0, math.nan, 8.55, 490.0) == (
-                mavlink.MAV_RESULT_DENIED
-            )
+            assert await r.command(179, 0, 0, 0, 0, math.nan, 8.55, 490.0) == refused
 
     virtually(scenario())
