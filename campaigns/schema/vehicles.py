@@ -28,6 +28,7 @@ from wil_campaign.vehicles.links.link_conditions import SPARE_LINKS
 from wil_campaign.vehicles.links.link_strings import LinkAddressError, parse_link
 from wil_campaign.worlds.frames import Pose
 from wil_campaign.worlds.scene.parts import BoxShape
+from wil_campaign.worlds.world_file.world_schema import Coordinate
 
 VehicleName = Literal["real", "twin"]
 VEHICLES: tuple[VehicleName, ...] = get_args(VehicleName)
@@ -78,9 +79,9 @@ class StartPart(Part):
     nose points, clockwise from north.
     """
 
-    north_m: float = 0.0
-    east_m: float = 0.0
-    up_m: float = 0.0
+    north_m: Coordinate = 0.0
+    east_m: Coordinate = 0.0
+    up_m: Coordinate = 0.0
     yaw_deg: Annotated[float, Field(ge=-360, le=360)] = 0.0
 
     def pose(self) -> Pose:

@@ -12,6 +12,7 @@ import sys
 import threading
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from pathlib import Path
 
 from cyclopts import App, CycloptsError, Group, MissingArgumentError, Parameter
 
@@ -21,6 +22,7 @@ from wil_campaign.installed_plugins import absent_additions, needed_plugin_text,
 from wil_campaign.orchestrator.cli.standard_streams import (
     StreamError,
     repair_standard_streams,
+    widen_output,
     write_stderr,
 )
 
@@ -117,6 +119,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     tokens = list(sys.argv[1:] if arguments is None else arguments)
     repair_standard_streams()
+    widen_output()
     try:
         with _interruptible():
             return _call_command(tokens)
@@ -254,6 +257,15 @@ def _version() -> str:
     return program_text()
 
 
+def _is_nowhere() -> bool:
+    """Return whether the current folder was removed."""
+    try:
+        Path.cwd()
+    except FileNotFoundError:
+        return True
+    return False
+
+
 def _report_failure(error: BaseException) -> int:
     """Print an error of the input or of the program on standard error; return the exit code."""
     import tempfile  # noqa: PLC0415 - not needed for --help
@@ -274,6 +286,9 @@ def _report_failure(error: BaseException) -> int:
     if text := needed_plugin_text("this command", error):
         write_stderr(text)
         return USAGE_ERROR
+    if isinstance(error, FileNotFoundError) and _is_nowhere():
+        write_stderr("the current folder was removed: change to one that exists (cd)")
+        return INTERNAL_ERROR
     trace = "".join(traceback.format_exception(error))
     if os.environ.get("WIL_DEBUG") == "1":
         write_stderr(trace.rstrip())

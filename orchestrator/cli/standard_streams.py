@@ -2,9 +2,13 @@
 
 import io
 import os
+import shutil
 import sys
 from contextlib import suppress
 from typing import TextIO, cast
+
+_LEAST_COLUMNS = 20
+"""In fewer, help and tables are laid out for ever, or not printed at all."""
 
 
 class StreamError(Exception):
@@ -92,6 +96,14 @@ def repair_standard_streams() -> None:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper) and stream.errors == "strict":
             stream.reconfigure(errors="backslashreplace")
+
+
+def widen_output() -> None:
+    """Have texts laid out for 20 columns at least, whatever COLUMNS or the terminal says."""
+    given = os.environ.get("COLUMNS", "")
+    columns = shutil.get_terminal_size().columns
+    if columns < _LEAST_COLUMNS or (given.isdecimal() and int(given) < _LEAST_COLUMNS):
+        os.environ["COLUMNS"] = str(max(columns, _LEAST_COLUMNS))
 
 
 def _redirect_to_null(stream: TextIO) -> None:

@@ -1,5 +1,6 @@
 """The nodes of an STL formula, each with its offset in the text."""
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Literal
@@ -169,6 +170,23 @@ def first_needed_s(formula: Formula, at_s: float = 0.0) -> Iterator[tuple[Atom, 
         case UntilFormula(interval, left, right):
             yield from first_needed_s(left, at_s)
             yield from first_needed_s(right, at_s + interval.from_s)
+
+
+def seen_ahead_s(formula: Formula) -> float:
+    """Return how long after a time the value of a formula at that time is known, seconds.
+
+    Infinite without a limit, and for operators of the past, which see what lies before.
+    """
+    match formula:
+        case NegatedFormula(inner):
+            return seen_ahead_s(inner)
+        case TemporalFormula("always" | "eventually", StlInterval(_, float(until_s)), inner):
+            return until_s + seen_ahead_s(inner)
+        case JunctorFormula(_, left, right):
+            return max(seen_ahead_s(left), seen_ahead_s(right))
+        case UntilFormula(StlInterval(_, float(until_s)), left, right):
+            return until_s + max(seen_ahead_s(left), seen_ahead_s(right))
+    return 0.0 if isinstance(formula, Atom) else math.inf
 
 
 FORMULAS = (

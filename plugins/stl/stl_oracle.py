@@ -7,7 +7,9 @@ The limits that a formula holds: comparisons of a signal with a number, under `a
 A condition that may hold at some time has no limit.
 """
 
+import math
 import re
+from bisect import bisect_left
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated, ClassVar
@@ -28,9 +30,11 @@ from wil_campaign.plugins.stl.formula import (
     SignalTerm,
     StlComparison,
     StlError,
+    StlInterval,
     TemporalFormula,
     Term,
     first_needed_s,
+    seen_ahead_s,
     signal_names_of,
 )
 from wil_campaign.plugins.stl.monitor import FormulaRobustness, StlMonitor
@@ -167,7 +171,9 @@ def _at(values: Values, index: int) -> float:
 
 
 _CHECK_EVERY_S = 1.0
-"""How often a formula with fail_fast is evaluated in flight."""
+"""How often a formula with fail_fast is evaluated in flight..."""
+_SETTLED_S = 1.0
+"""... and how long after its value at a time is known that time is not looked at again."""
 
 
 class StlParameters(Windowed):
@@ -202,6 +208,9 @@ class StlOracle(Oracle):
         self._judged: PoseSample | None = None
         self._last_sample_s: float | None = None
         self._next_check_s = 0.0
+        self._ahead_s = _ahead_s(self._formula)
+        self._unsettled = 0
+        """The first row that a check in flight has to look at."""
         self._flagged = False
         self._so_far: OracleResult | None = None
         self._next_look_s = 0.0
@@ -277,9 +286,14 @@ class StlOracle(Oracle):
         if not due or not self.stages.open or not self._trace.times_s:
             return NO_FLAGS
         self._next_check_s = t_s + _CHECK_EVERY_S
-        times_s, values = self._trace.times_s, self._trace.values()
+        times_s = self._trace.times_s[self._unsettled :]
+        values = {name: row[self._unsettled :] for name, row in self._trace.values().items()}
         best = self._at_best(times_s, values)
-        if isinstance(best, UnevaluableFormula) or best.holds:
+        if isinstance(best, UnevaluableFormula):
+            return NO_FLAGS
+        if best.holds:
+            before_s = times_s[-1] - self._ahead_s - _SETTLED_S
+            self._unsettled += max(0, bisect_left(times_s, before_s) - 1)
             return NO_FLAGS
         self._flagged = True
         text = f"{self.vehicle}: {self.name} cannot be satisfied any more"
@@ -376,6 +390,14 @@ class StlOracle(Oracle):
                 )
                 self._trace.note(name, max(0.0, t_s - (since_s or 0.0)))
         self._trace.add_row(t_s)
+
+
+def _ahead_s(formula: Formula) -> float:
+    """Return how long after a time it is known whether an `always` fails there; else infinity."""
+    match formula:
+        case TemporalFormula("always", StlInterval(0.0, None), inner):
+            return seen_ahead_s(inner)
+    return math.inf
 
 
 def _unmet_text(found: FormulaRobustness) -> str:

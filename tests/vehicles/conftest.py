@@ -97,7 +97,7 @@ class FakePeer:
 
     def _tick(self) -> None:
         self._timer = asyncio.get_running_loop().call_later(0.02, self._tick)
-        boot_ms = int(self.boot_s * 1e3)
+        boot_ms = int(self.boot_s * 1e3) & 0xFFFFFFFF
         if self._ticks % 50 == 0:
             self.heartbeat()
         if self._ticks % 25 == 0:

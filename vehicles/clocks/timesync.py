@@ -40,6 +40,10 @@ _SLEW = 0.2
 """By how much the mapped clock may be faster or slower while a correction is slewed..."""
 _LONGEST_SLEW_S = 0.25
 """... which is not larger than this: beyond, the vehicle's clock was set, or stopped for long."""
+_ROUND_S = 2**32 * 1e-3
+"""A time_boot_ms begins anew at 0 after so long, 49.7 days..."""
+_NEAR_S = 60.0
+"""... which shows while the vehicle is heard at least so often; else its clock restarted."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -336,6 +340,12 @@ class VehicleClock:
             self._mapped_delay.add(self._map.remote_time(arrived_s) - boot_s, arrived_s)
             self._update_epoch_shift()
         return min(self.run_time(boot_s), arrived_s)
+
+    def since_boot(self, boot_s: float) -> float:
+        """Return a stamp, which may have begun anew after 49.7 days, beside the newest one."""
+        newest_s = max(0.0, self._newest_boot_s)
+        whole_s = boot_s + round((newest_s - boot_s) / _ROUND_S) * _ROUND_S
+        return whole_s if abs(whole_s - newest_s) <= _NEAR_S else boot_s
 
     def run_time(self, boot_s: float) -> float:
         """Return the run clock's time of a vehicle's moment in seconds since boot.

@@ -139,7 +139,7 @@ class Driver:
         self._estimates.on_unusable = self._report_unusable
         self.accuracy = EstimateAccuracy(session=self._session)
         self.truth = TruthReceiver(session=self._session, clock=self.clock)
-        self._headings = HeadingMonitor(session=self._session)
+        self._headings = HeadingMonitor(session=self._session, clock=self.clock)
         self._event_listeners: list[EventListener] = []
         self._status: StatusTracker | None = None
         self._vehicle: IdentifiedVehicle | None = None

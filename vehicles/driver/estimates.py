@@ -191,7 +191,9 @@ class Estimates:
         if not math.isfinite(x + y + z + vx + vy + vz):
             self._report_unusable("its LOCAL_POSITION_NED is not a number", t_s)
             return
-        for estimate in self._pairing.position(boot_ms * 1e-3, (x, y, z), (vx, vy, vz)):
+        for estimate in self._pairing.position(
+            self._clock.since_boot(boot_ms * 1e-3), (x, y, z), (vx, vy, vz)
+        ):
             self._receive(estimate, t_s)
 
     def _quaternion(self, payload: bytes, t_s: float) -> None:
@@ -218,7 +220,7 @@ class Estimates:
             self._report_unusable("its ATTITUDE_QUATERNION is no rotation", t_s)
             return
         unit = (w / length, x / length, y / length, z / length)
-        estimate = self._pairing.attitude(boot_s, unit)
+        estimate = self._pairing.attitude(self._clock.since_boot(boot_s), unit)
         if estimate is not None:
             self._receive(estimate, t_s)
 

@@ -7,6 +7,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from wil_campaign.vehicles.clocks.timesync import VehicleClock
 from wil_campaign.vehicles.driver.session.session import MavlinkSession
 from wil_campaign.vehicles.poses.headings import HeadingComparison, HeadingDifference
 
@@ -29,8 +30,9 @@ class HeadingMonitor:
     magnetometer that its autopilot uses (SYS_STATUS), and GPS_RAW_INT.
     """
 
-    def __init__(self, *, session: MavlinkSession) -> None:
+    def __init__(self, *, session: MavlinkSession, clock: VehicleClock) -> None:
         self._session = session
+        self._clock = clock
         self._listeners: list[HeadingListener] = []
         self._comparison = HeadingComparison()
         self._uses_magnetometer = False
@@ -74,7 +76,8 @@ class HeadingMonitor:
         length = math.sqrt(w * w + x * x + y * y + z * z)
         if 0.9 < length < 1.1 and math.isfinite(roll + pitch + yaw):
             unit = (w / length, x / length, y / length, z / length)
-            self._pass_on(self._comparison.attitude(boot_ms * 1e-3, unit, (roll, pitch, yaw), t_s))
+            boot_s = self._clock.since_boot(boot_ms * 1e-3)
+            self._pass_on(self._comparison.attitude(boot_s, unit, (roll, pitch, yaw), t_s))
 
     def _sys_status(self, message: Any, _t_s: float) -> None:
         enabled = message.onboard_control_sensors_enabled

@@ -97,7 +97,8 @@ class TruthReceiver:
         self._last_s = -math.inf
 
     def _note_stamp(self, payload: bytes, t_s: float) -> None:
-        self._stamp = _Stamp(int.from_bytes(payload[:4], "little") * 1e-3, t_s)
+        boot_s = int.from_bytes(payload[:4], "little") * 1e-3
+        self._stamp = _Stamp(self._clock.since_boot(boot_s), t_s)
 
     def _receive(self, message: Any, arrived_s: float) -> None:
         if self._read is None:

@@ -1,5 +1,6 @@
 """Sensor messages of MAVLink, by its own units and axes: what is said is what is read."""
 
+from collections.abc import Callable
 from typing import Any
 
 import pytest
@@ -7,11 +8,32 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from wil_campaign.plugins.navigation.gps_messages import gps_reading
 from wil_campaign.plugins.navigation.imu_messages import imu_reading
+from wil_campaign.vehicles.clocks.timesync import VehicleClock
 from wil_campaign.vehicles.readings import GpsReading
-from wil_campaign.vehicles.sources.readings.live_readings import UnusableReadingError
-from wil_campaign.vehicles.sources.readings.mavlink_messages import MessageTimes, message_stamp_s
+from wil_campaign.vehicles.sources.readings.live_readings import LiveReadings, UnusableReadingError
+from wil_campaign.vehicles.sources.readings.mavlink_messages import (
+    MavlinkSensor,
+    MessageTimes,
+    mavlink_reading,
+    message_stamp_s,
+)
+from wil_campaign.vehicles.sources.readings.mavlink_readings import MavlinkReadings
 
 WHEN = MessageTimes(10.0, 10.02, "real")
+
+
+class _Vehicle:
+    """A vehicle of which a test hands over the messages."""
+
+    def __init__(self, clock: VehicleClock) -> None:
+        self.clock = clock
+        self.state: Any = None
+
+    def on_message(self, _: int, handler: Callable[[Any, float], None]) -> None:
+        self.handler = handler
+
+    def on_estimate(self, listener: Callable[[Any], None]) -> None:
+        raise AssertionError(listener)
 
 
 def fix(**changes: int) -> Any:
@@ -39,6 +61,26 @@ def test_an_imu_by_each_of_its_messages_feels_the_same() -> None:
     highres.fields_updated = 0b000111
     with pytest.raises(UnusableReadingError, match="lacks accelerations"):
         imu_reading(highres, WHEN)
+
+
+async def test_stamps_of_sensors_begin_anew_after_49_days_as_the_vehicle_s_do() -> None:
+    """HIGHRES_IMU goes on counting; SCALED_IMU, whose stamp has 32 bits, begins anew."""
+    clock, round_s = VehicleClock(), 2**32 * 1e-3
+    clock.stamped(round_s - 1.0, 99.0)
+    clock.stamped(clock.since_boot(0.5), 100.5)
+    highres = mavlink.MAVLink_highres_imu_message(
+        round((round_s + 0.4) * 1e6), *[0.0] * 9, 0, 0, 0, 0, 0b111111
+    )
+    scaled = mavlink.MAVLink_scaled_imu_message(400, 51, 0, -1000, 100, 0, 0, 0, 0, 0)
+    for message in (highres, scaled):
+        into = LiveReadings(name="imu", what="", stall_s=60.0)
+        name = message.get_type()
+        vehicle, read = _Vehicle(clock), mavlink_reading("imu")
+        sensor = MavlinkSensor(message=name)
+        MavlinkReadings(sensor=sensor, side="real", into=into, read=read).attach(vehicle)
+        vehicle.handler(message, 100.5)
+        assert into.newest is not None, into.complaint
+        assert into.newest.t_s == pytest.approx(100.4)
 
 
 def test_a_fix_has_its_height_above_the_ellipsoid_and_its_velocity() -> None:

@@ -4,6 +4,7 @@ import math
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
 import pytest
 
 from tests.safety.oracles.oracle_rigs import FENCE, SCENE, build, pose, stage
@@ -516,6 +517,74 @@ def test_contact_fails_fast_although_its_margin_is_zero() -> None:
     assert flag.text == (
         "real: stl cannot be satisfied any more: clearance_m > 0 is violated: 0.000 m against 0 m"
     )
+
+
+def _rows_of_checks(judge: StlOracle, monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """Return a list to which each check in flight adds how many rows it looks at."""
+    rows: list[int] = []
+    at_best = judge._monitor.at_best
+
+    def counted(times_s: Any, signals: Any, end_s: float) -> Any:
+        rows.append(len(times_s))
+        return at_best(times_s, signals, end_s)
+
+    monkeypatch.setattr(judge._monitor, "at_best", counted)
+    return rows
+
+
+@pytest.mark.parametrize(
+    ("text", "most"),
+    [
+        ("always (up_m >= 0)", 25),
+        ("always (up_m >= 1 -> eventually[0,2] (up_m >= 0))", 45),
+        ("always ((up_m >= 0) until[1,3] (up_m >= 0.5) and not always[0,5] (up_m < 0))", 75),
+    ],
+)
+def test_a_check_in_flight_costs_no_more_after_many_minutes(
+    monkeypatch: pytest.MonkeyPatch, text: str, most: int
+) -> None:
+    """After an hour at 50 Hz one took a quarter of a second, each second, of the loop's time."""
+    judge = stl(text, fail_fast=True)
+    assert isinstance(judge, StlOracle)
+    rows = _rows_of_checks(judge, monkeypatch)
+    stage(judge, goal=0.0)
+    for tenth in range(6000):
+        judge.on_pose(pose(tenth / 10.0, (0, 0, -2)))
+        assert judge.on_tick(tenth / 10.0) == ()
+    assert max(rows) <= most
+    assert len(rows) > 500
+    assert judge.result(600.0).verdict == "PASS"
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "always (up_m >= 0.2)",
+        "always (up_m >= 1 -> eventually[0,2] (up_m >= 1.6))",
+        "always ((up_m >= 0.3) until[1,3] (up_m >= 1.5))",
+        "always (once[0,4] (up_m >= 1.2))",
+        "always[0,30] (up_m >= 0.4)",
+        "always eventually (up_m >= 1.9) and always (up_m >= 0.4)",
+    ],
+)
+def test_a_check_in_flight_of_a_part_flags_as_one_of_all(text: str) -> None:
+    """What is settled is not looked at again; the flags are those of a check of all rows."""
+    rng = np.random.default_rng(1)
+    flagged = 0
+    for _ in range(30):
+        judge, whole = stl(text, fail_fast=True), stl(text, fail_fast=True)
+        whole._ahead_s = math.inf  # type: ignore[attr-defined]
+        flags: list[tuple[Flag, ...]] = []
+        for one in (judge, whole):
+            stage(one, goal=0.0)
+        for fifth in range(250):
+            up_m = float(rng.uniform(0.0, 2.0)) ** 0.3
+            for one in (judge, whole):
+                one.on_pose(pose(fifth / 5.0, (0, 0, -up_m)))
+            flags += [tuple(one.on_tick(fifth / 5.0)) for one in (judge, whole)]
+        assert flags[::2] == flags[1::2]
+        flagged += any(flags)
+    assert flagged
 
 
 def test_it_does_not_fail_fast_where_the_campaign_does_not_say() -> None:

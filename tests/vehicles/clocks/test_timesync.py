@@ -203,6 +203,20 @@ def test_another_epoch_of_timesync_is_found_by_arrivals(epoch_s: float) -> None:
     assert vehicle.clock.boot_time(9.0) == pytest.approx(509.0, abs=0.002)
 
 
+def test_a_time_boot_ms_that_begins_anew_is_beside_the_newest_stamp() -> None:
+    clock, round_s = VehicleClock(), 2**32 * 1e-3
+    assert clock.since_boot(12.345) == 12.345
+    clock.stamped(round_s - 0.1, 0.0)
+    assert clock.since_boot(round_s - 0.2) == round_s - 0.2
+    assert clock.since_boot(0.02) == pytest.approx(round_s + 0.02)
+    clock.stamped(clock.since_boot(0.02), 0.12)
+    assert clock.since_boot(round_s - 0.01) == round_s - 0.01
+    assert clock.since_boot(0.5) == pytest.approx(round_s + 0.5)
+    # A clock that begins anew at another time was restarted.
+    clock.stamped(clock.since_boot(500.0), 500.0)
+    assert clock.reboots == 1
+
+
 def test_a_stamp_never_lies_after_its_arrival() -> None:
     clock = VehicleClock()
     stamp = clock.ask(0.0)

@@ -26,6 +26,7 @@ from wil_campaign.vehicles.links.memory import memory_pair
 from wil_campaign.vehicles.links.tapped import TappedLink
 from wil_campaign.vehicles.links.udp import UdpLink
 from wil_campaign.vehicles.poses.anchor import Anchor
+from wil_campaign.vehicles.poses.headings import HeadingDifference
 from wil_campaign.vehicles.setpoints import PositionSetpoint, VelocitySetpoint
 from wil_campaign.worlds.frames import Pose
 
@@ -551,6 +552,34 @@ def test_a_reboot_in_flight_is_an_event_and_the_anchor_is_gone(
         return [each.kind for each in events]
 
     assert "reboot" in _run(fake_pair, script)
+
+
+def test_a_time_boot_ms_that_begins_anew_after_49_days_is_no_reboot(
+    fake_pair: Callable[..., Any],
+) -> None:
+    async def script(driver: Driver, peer: Any) -> None:
+        turns: list[HeadingDifference] = []
+        events: list[VehicleEvent] = []
+        driver.on_heading(turns.append)
+        driver.on_event(events.append)
+        await _armed(driver)
+        await asyncio.sleep(30.0)
+        assert peer.boot_s > 2**32 * 1e-3
+        assert "reboot" not in [each.kind for each in events]
+        estimate = driver.state.estimate
+        assert estimate is not None
+        assert estimate.arrived_s - estimate.t_s == pytest.approx(0.005, abs=0.0021)
+        assert turns[-1].t_s == pytest.approx(estimate.arrived_s, abs=1.0)
+        driver.send(PositionSetpoint((1.0, 0.0, -1.0), yaw_rad=0.0))
+        await asyncio.sleep(0.1)
+        (setpoint,) = peer.of_type("SET_POSITION_TARGET_LOCAL_NED")[-1:]
+        since_s = peer.boot_s - 2**32 * 1e-3 - 0.1
+        assert setpoint.time_boot_ms * 1e-3 == pytest.approx(since_s, abs=0.01)
+
+    def prepare(peer: Any) -> None:
+        peer.boot_offset_s = 2**32 * 1e-3 - 20.0
+
+    _run(fake_pair, script, prepare=prepare)
 
 
 def test_nothing_is_sent_after_the_end(fake_pair: Callable[..., Any]) -> None:

@@ -272,6 +272,20 @@ def test_its_clock_is_its_own(rig: Any, virtually: Scenario) -> None:
     virtually(scenario())
 
 
+def test_its_time_boot_ms_begins_anew_after_49_days(rig: Any, virtually: Scenario) -> None:
+    clock = CAGE.clock.model_copy(update={"boot_offset_s": 2**32 * 1e-3 - 1.0, "drift_ppm": 0.0})
+
+    async def scenario() -> None:
+        profile = CAGE.model_copy(update={"clock": clock})
+        async with rig(autopilot="px4", profile=profile) as r:
+            await asyncio.sleep(3.0)
+            stamps = [m.time_boot_ms for _, m in r.heard if m.get_type() == "ATTITUDE"]
+            assert max(stamps) > 2**32 - 200
+            assert 1800 < stamps[-1] < 2001
+
+    virtually(scenario())
+
+
 def test_a_failure_of_the_physics_is_loud(rig: Any, virtually: Scenario) -> None:
     faults: list[str] = []
 

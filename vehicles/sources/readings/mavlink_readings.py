@@ -98,10 +98,11 @@ class MavlinkReadings:
             t_s = self._unix.run_time(sent_s, arrived_s)
             self._into.restarts = self._unix.resets
             return MessageTimes(t_s, arrived_s, self._side)
+        clock = self._vehicle.clock
         try:
-            t_s = self._vehicle.clock.run_time(sent_s)
+            t_s = clock.run_time(clock.since_boot(sent_s))
         except ValueError as error:
             raise UnusableReadingError(str(error)) from error
         # Sampling is before arrival: within the clock map's uncertainty a later stamp is reduced.
-        uncertainty_s = self._vehicle.clock.uncertainty_s or 0.0
+        uncertainty_s = clock.uncertainty_s or 0.0
         return MessageTimes(min(t_s, max(arrived_s, t_s - uncertainty_s)), arrived_s, self._side)

@@ -67,8 +67,8 @@ class AutopilotState:
 
     @property
     def boot_ms(self) -> int:
-        """Return the autopilot's clock in ms."""
-        return int((self.clock_s + self.clock_offset_s) * 1e3 + 1e-6)
+        """Return the autopilot's clock in ms, as a time_boot_ms: from 0 again after 49.7 days."""
+        return int((self.clock_s + self.clock_offset_s) * 1e3 + 1e-6) & 0xFFFFFFFF
 
     @property
     def boot_us(self) -> int:
