@@ -20,6 +20,7 @@ from wil_campaign.installed_plugins import (
     loaded_additions,
     plugin_additions,
 )
+from wil_campaign.safety.fence.geographic import FARTHEST_M
 from wil_campaign.vehicles.command_backends import OWN_FRAMES
 from wil_campaign.vehicles.coupling import Coupling
 from wil_campaign.vehicles.embedded.physics.config import Physics
@@ -34,6 +35,8 @@ VehicleName = Literal["real", "twin"]
 VEHICLES: tuple[VehicleName, ...] = get_args(VehicleName)
 
 Hook = Callable[[], Sequence[NamedAddition]]
+Distance = Annotated[float, Field(ge=-FARTHEST_M, le=FARTHEST_M)]
+"""As far as fences on Earth may be; a plane through the origin is 780 m high there."""
 ParameterName = Annotated[str, Field(pattern=r"^[A-Z0-9_]{1,16}$")]
 """MAVLink's param_id has 16 characters."""
 
@@ -79,8 +82,8 @@ class StartPart(Part):
     nose points, clockwise from north.
     """
 
-    north_m: Coordinate = 0.0
-    east_m: Coordinate = 0.0
+    north_m: Distance = 0.0
+    east_m: Distance = 0.0
     up_m: Coordinate = 0.0
     yaw_deg: Annotated[float, Field(ge=-360, le=360)] = 0.0
 

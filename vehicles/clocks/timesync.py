@@ -344,6 +344,8 @@ class VehicleClock:
     def since_boot(self, boot_s: float) -> float:
         """Return a stamp, which may have begun anew after 49.7 days, beside the newest one."""
         newest_s = max(0.0, self._newest_boot_s)
+        if -_NEAR_S <= boot_s - newest_s <= _NEAR_S:
+            return boot_s
         whole_s = boot_s + round((newest_s - boot_s) / _ROUND_S) * _ROUND_S
         return whole_s if abs(whole_s - newest_s) <= _NEAR_S else boot_s
 
