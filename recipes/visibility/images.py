@@ -302,7 +302,8 @@ def _floor_px(pair: ImagePair) -> float:
     per_sample = pair.expected.px_per_sample
     if pair.limit_px is not None:
         return pair.limit_px + per_sample
-    return float(LIMIT_SHARE_OF_WIDTH * pair.expected.ids.shape[1] * per_sample)
+    # In whole samples: an offset is not known any better.
+    return float(max(1.0, LIMIT_SHARE_OF_WIDTH * pair.expected.ids.shape[1]) * per_sample)
 
 
 def _limit_px(own: Mask, pair: ImagePair) -> float:

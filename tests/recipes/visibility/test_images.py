@@ -149,6 +149,28 @@ def test_a_limit_of_the_recipe_counts_to_the_resolution_of_the_comparison(scene:
     assert not gate_of(scene.compare(scene.overlaid(ring()), limit_px=0.1)).is_displaced
 
 
+@pytest.mark.parametrize(("aside", "displaced"), [(0.0, False), (1.0, False), (2.0, True)])
+def test_a_small_image_is_compared_to_its_resolution(aside: float, displaced: bool) -> None:
+    """1.5 % of an image of 48 samples are less than one, by which edges are rounded."""
+    small = np.s_[:36, :48]
+    due, shown = ring(24.0, 18.0, 4.0, 2.0)[small], ring(24.0 + aside, 18.0, 4.0, 2.0)[small]
+    real, twin = room(0)[small], room(1)[small].copy()
+    twin[due] = ORANGE
+    ids = np.where(due, np.uint8(GATE), np.uint8(1))
+    frame = compare_images(
+        ImagePair(
+            t_s=1.0,
+            real_bgr=real,
+            mixed_bgr=np.where(shown[:, :, None], np.uint8(ORANGE), real),
+            expected=ExpectedImage(ids, twin, None, 1),
+            virtual=VIRTUAL,
+            limit_px=None,
+            is_like=True,
+        )
+    )
+    assert gate_of(frame).is_displaced is displaced
+
+
 def test_an_object_drawn_where_none_is_due_is_reported() -> None:
     empty = Scene(room(0), np.zeros((HEIGHT, WIDTH), np.bool_))
     frame = empty.compare(empty.overlaid(ring(half=6.0, bar=2.0)))
