@@ -133,6 +133,7 @@ class MqttOperator:
         self._connected = False
         self._has_ended = False
         self._has_warned = False
+        self._has_asked_status = False
         self._is_publishing = False
         self._refusals = RateLimit(most=_MOST_REFUSALS_A_SECOND)
         self._answers = CommandAnswers(
@@ -251,13 +252,21 @@ class MqttOperator:
         )
         async with client:
             await _subscribe(client, f"{self._base}/operator/+")
-            # To learn of another start of this campaign; a broker may refuse it.
-            await client.subscribe(f"{self._base}/status", qos=1)
+            await self._watch_status(client)
             raise_if_task_cancelled()
             self._reconnected()
             async with asyncio.TaskGroup() as group:
                 group.create_task(self._publish(client), name="mqtt out")
                 group.create_task(self._receive_commands(client), name="mqtt in")
+
+    async def _watch_status(self, client: aiomqtt.Client) -> None:
+        """Subscribe to the status, once, to learn of another start of this campaign.
+
+        A broker may refuse it, and some end the connection for that: the next one goes without.
+        """
+        if not self._has_asked_status:
+            self._has_asked_status = True
+            await client.subscribe(f"{self._base}/status", qos=1)
 
     def _tls(self) -> aiomqtt.TLSParameters | None:
         setup = self._setup

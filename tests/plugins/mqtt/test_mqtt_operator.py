@@ -67,7 +67,10 @@ class Person:
             assert isinstance(message.payload, bytes)
             topic = str(message.topic).removeprefix("wil/gate/")
             if topic.partition("/")[0] != "operator" or topic.endswith("ack"):
-                self.heard.append((topic, json.loads(message.payload)))
+                heard = topic, json.loads(message.payload)
+                # One that is published while this client subscribes comes as kept, and as new.
+                if topic != "status" or heard not in self.heard:
+                    self.heard.append(heard)
 
     def of(self, topic: str) -> list[dict[str, Any]]:
         return [said for name, said in self.heard if name == topic]
