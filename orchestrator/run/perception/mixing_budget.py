@@ -114,7 +114,7 @@ class MixingBudgetWatch:
                 continue
             t_s, reason = self._doubt
             if self._is_any_silent(loop.time()):
-                self._doubt, self._has_waited = (loop.time(), reason), True
+                self._has_waited = True
             elif loop.time() - t_s > _SETTLE_S:
                 at_s = None if self._has_waited else t_s
                 self._run_state.decide("INVALID", reason, t_s=at_s, source="mixing")

@@ -783,7 +783,7 @@ def test_nothing_is_blamed_on_the_mixing_while_a_vehicle_is_silent() -> None:
         for k in range(30):
             flight.deliver(k * 0.1)
         flight.silent = True
-        await goal_at(flight, 1.0, 7.0)
+        await goal_at(flight, 1.0, 7.1)
         assert flight.reason() is None
         flight.silent = False
         await sleep_until(8.0)
@@ -792,7 +792,21 @@ def test_nothing_is_blamed_on_the_mixing_while_a_vehicle_is_silent() -> None:
     assert found is not None
     assert found[0] == "INVALID"
     # What `link` and the guard say of the silence comes first.
-    assert found[2] > 7.0
+    assert found[2] > 7.1
+
+
+def test_a_breach_is_not_forgotten_over_a_link_that_comes_and_goes() -> None:
+    async def feed(flight: Flight) -> None:
+        flight.run_state.enter("goal")
+        for _ in range(10):
+            flight.silent = True
+            await asyncio.sleep(0.9)
+            flight.silent = False
+            await asyncio.sleep(0.3)
+
+    found = judged(BODY, feed).reason()
+    assert found is not None
+    assert found[0] == "INVALID"
 
 
 def seen_by(publish: str, **shown: bool) -> Any:
