@@ -161,7 +161,7 @@ def test_a_small_image_is_compared_to_its_resolution(aside: float, displaced: bo
         ImagePair(
             t_s=1.0,
             real_bgr=real,
-            mixed_bgr=np.where(shown[:, :, None], np.uint8(ORANGE), real),
+            mixed_bgr=np.where(shown[:, :, None], np.array(ORANGE, np.uint8), real),
             expected=ExpectedImage(ids, twin, None, 1),
             virtual=VIRTUAL,
             limit_px=None,
