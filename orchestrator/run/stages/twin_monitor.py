@@ -44,7 +44,7 @@ class TwinMonitor:
         self._due: dict[float, bool] = {}
         """Whether the distance was measured, by the times that were due, in order."""
         self._silent: set[float] = set()
-        """The times at which a vehicle's whole link was silent."""
+        """The times that waited for poses while a vehicle's whole link was silent."""
         self._needed_by: tuple[str, ...] = ()
         self._twin = ""
 
@@ -64,7 +64,8 @@ class TwinMonitor:
             await sleep_until(t0_s + _DELAY_S + count / _HZ)
             alive()
             if not self._is_over():
-                self._await(t0_s + count / _HZ, contexts, loop.time())
+                self._due[t0_s + count / _HZ] = False
+                self._waiting.append(t0_s + count / _HZ)
             self._measure_waiting(contexts, loop.time())
 
     def result(self) -> TwinResult:
@@ -83,13 +84,6 @@ class TwinMonitor:
         ended = any(self._run_state.reached(stage) for stage in ("done", "land", "end"))
         return ended or self._twin in self._run_state.dropped_out
 
-    def _await(self, t_s: float, contexts: Sequence[VehicleContext], now_s: float) -> None:
-        """Wait for the poses of a time."""
-        self._due[t_s] = False
-        self._waiting.append(t_s)
-        if is_any_silent(contexts, self._run_state.dropped_out, now_s):
-            self._silent.add(t_s)
-
     def _measure_waiting(self, contexts: Sequence[VehicleContext], now_s: float) -> None:
         """Measure at the due times of which both poses have arrived by now."""
         for _ in range(len(self._waiting)):
@@ -99,6 +93,8 @@ class TwinMonitor:
                 self._observe(norm(subtract(real, twin)), t_s)
             elif now_s - t_s < _WAIT_S:
                 self._waiting.append(t_s)
+        if self._waiting and is_any_silent(contexts, self._run_state.dropped_out, now_s):
+            self._silent.update(self._waiting)
 
     def _place(self, poses: PoseHistory, t_s: float) -> Vec3 | None:
         """Return a vehicle's position at a moment, between poses of an accepted gap at most."""
