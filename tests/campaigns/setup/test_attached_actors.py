@@ -49,6 +49,13 @@ def test_virtual_embedded_is_attached_only_where_it_is_physical(mode: str, kind:
     assert actor.pose_source == {"embedded": "simulator", "attached": "mavlink"}[kind]
 
 
+def test_an_attached_actor_may_fly_without_gps() -> None:
+    (actor,) = campaign(ATTACHED % f"{FENCE}, gps: false").setups["fast"].actors_in("real")
+    assert not actor.has_gps
+    said = problems("actors={intruder: {link: embedded, autopilot: px4, gps: false}}")
+    assert "the embedded vehicle flies by GPS; remove it" in said
+
+
 def test_an_actor_at_another_place_starts_where_its_object_does() -> None:
     setup = campaign(FAR, *REAL, mode="wil").setups["fast"]
     (actor,) = setup.actors_in("wil")

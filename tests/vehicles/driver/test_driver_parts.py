@@ -163,6 +163,28 @@ def test_a_list_whose_items_are_requested_for_ever_is_an_error(
         _run(fake_pair, script, prepare)
 
 
+@pytest.mark.parametrize("what", ["download", "upload", "clear"])
+def test_a_transfer_that_fails_is_ended_on_the_vehicle_too(
+    fake_pair: Callable[..., Any], what: str
+) -> None:
+    """PX4 is busy with it for 5 s otherwise, and refuses the restoration of the fence."""
+
+    async def script(peer: Any, session: MavlinkSession) -> None:
+        missions = MissionProtocol(session=session)
+        item = MissionItem(command=mavlink.MAV_CMD_NAV_WAYPOINT)
+        given = ([item],) if what == "upload" else ()
+        with pytest.raises(MissionError):
+            await getattr(missions, what)(ItemList.FENCE, *given)
+        await asyncio.sleep(0.1)
+        last = peer.received[-3:]
+        assert {(one.get_type(), one.type) for one in last} == {
+            ("MISSION_ACK", mavlink.MAV_MISSION_OPERATION_CANCELLED)
+        }
+        assert {one.mission_type for one in last} == set(ItemList)
+
+    _run(fake_pair, script)
+
+
 def test_a_command_that_is_in_progress_for_ever_is_an_error(fake_pair: Callable[..., Any]) -> None:
     def go_on(peer: Any, message: Any) -> None:
         peer.ack(message, mavlink.MAV_RESULT_IN_PROGRESS)

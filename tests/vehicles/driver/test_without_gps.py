@@ -2,6 +2,7 @@
 
 import asyncio
 from collections.abc import Iterator
+from contextlib import nullcontext
 from typing import Any
 
 import pytest
@@ -58,20 +59,26 @@ class WithoutGps(TappedLink):
 
 
 def _ready(
-    autopilot: str, *, earth: LocalFrame | None, takes: bool = True, knows: bool = False
+    autopilot: str,
+    *,
+    earth: LocalFrame | None,
+    takes: bool = True,
+    knows: bool = False,
+    is_ready: bool = True,
 ) -> list[Any]:
-    """Get a vehicle ready; return the origins that it was sent."""
+    """Get a vehicle ready, if it ever is; return the origins that it was sent."""
 
     async def run() -> list[Any]:
         ours, theirs = memory_pair(latency_s=0.002)
         link = WithoutGps(theirs, takes=takes, knows=knows)
-        config = EmbeddedConfig(autopilot=autopilot, running_s=60.0)
+        config = EmbeddedConfig(autopilot=autopilot, running_s=60.0, never_ready=not is_ready)
         async with (
             EmbeddedVehicle(config=config, link=link, seed=1),
             Driver(name="real", link=ours, earth=earth) as driver,
         ):
             await driver.identify(5.0)
-            await driver.ready(60.0)
+            with nullcontext() if is_ready else pytest.raises(NotReadyError):
+                await driver.ready(60.0 if is_ready else 10.0)
             await asyncio.sleep(5.0)
             return link.origins
 
@@ -88,6 +95,7 @@ def test_it_is_sent_the_worlds_origin_once(autopilot: str) -> None:
 @BOTH
 def test_an_origin_that_it_has_is_left_alone(autopilot: str) -> None:
     assert _ready(autopilot, earth=HALL, knows=True) == []
+    assert _ready(autopilot, earth=HALL, knows=True, is_ready=False) == []
 
 
 @BOTH

@@ -1,9 +1,12 @@
 """What the guard and the drivers of a run are given, by what its campaign says."""
 
 import asyncio
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
+
+import pytest
 
 from tests.orchestrator.conftest import ROOT
 from tests.orchestrator.sitl_programs import make_arducopter
@@ -65,6 +68,19 @@ async def test_a_run_goes_on_without_its_twin_and_never_without_its_real_vehicle
         ("real", False),
         ("twin", True),
     ]
+
+
+def test_a_vehicle_without_gps_is_told_where_on_earth_the_world_is(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    told: dict[str, Any] = {}
+    monkeypatch.setattr(pair, "Driver", lambda **given: told.update({given["name"]: given}))
+    setup, link = gate_setup(tmp_path, "wall"), TappedLink(memory_pair()[0])
+    real, twin = setup.guarded
+    for vehicle in (replace(real, has_gps=False), twin):
+        pair._vehicle_context(setup, vehicle, link)
+    assert told["real"]["earth"] is setup.case.world.frame
+    assert told["twin"]["earth"] is None
 
 
 def test_the_preflight_waits_for_a_vehicle_s_first_pose() -> None:
