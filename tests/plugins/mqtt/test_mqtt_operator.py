@@ -5,8 +5,9 @@ import json
 import socket
 import time
 from collections.abc import AsyncIterator
-from contextlib import AsyncExitStack
+from contextlib import AsyncExitStack, suppress
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, Self
 
 import aiomqtt
@@ -678,3 +679,18 @@ async def test_a_secret_that_is_not_set_is_reported(tmp_path: Path) -> None:
     with pytest.raises(OperatingError, match="the variable WIL_NOT_SET is not set"):
         async with open_operator_channels(scene.controller, {"mqtt": scene.setup}):
             pass
+
+
+async def test_a_broker_that_ends_the_connection_for_the_status_is_asked_for_it_once() -> None:
+    asked: list[str] = []
+
+    async def refuse(topic: str, *, qos: int) -> None:
+        asked.append(topic)
+        raise aiomqtt.MqttError
+
+    operator: Any = SimpleNamespace(_base="wil/gate", _has_asked_status=False)
+    client: Any = SimpleNamespace(subscribe=refuse)
+    for _ in range(2):
+        with suppress(aiomqtt.MqttError):
+            await mqtt_operator.MqttOperator._watch_status(operator, client)
+    assert asked == ["wil/gate/status"]
