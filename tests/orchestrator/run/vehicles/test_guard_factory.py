@@ -70,17 +70,17 @@ async def test_a_run_goes_on_without_its_twin_and_never_without_its_real_vehicle
     ]
 
 
-def test_a_vehicle_without_gps_is_told_where_on_earth_the_world_is(
+def test_a_vehicle_without_gps_gets_the_origin_of_its_world(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    told: dict[str, Any] = {}
-    monkeypatch.setattr(pair, "Driver", lambda **given: told.update({given["name"]: given}))
+    built: dict[str, Any] = {}
+    monkeypatch.setattr(pair, "Driver", lambda **given: built.update({given["name"]: given}))
     setup, link = gate_setup(tmp_path, "wall"), TappedLink(memory_pair()[0])
     real, twin = setup.guarded
     for vehicle in (replace(real, has_gps=False), twin):
         pair._vehicle_context(setup, vehicle, link)
-    assert told["real"]["earth"] is setup.case.world.frame
-    assert told["twin"]["earth"] is None
+    assert built["real"]["earth"] is setup.case.world.frame
+    assert built["twin"]["earth"] is None
 
 
 def test_the_preflight_waits_for_a_vehicle_s_first_pose() -> None:
