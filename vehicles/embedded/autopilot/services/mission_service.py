@@ -17,7 +17,6 @@ from wil_campaign.vehicles.embedded.autopilot.flight.mission_items import (
     stored_mission_frame,
 )
 from wil_campaign.vehicles.embedded.autopilot.services.command_registry import on_message
-from wil_campaign.vehicles.embedded.autopilot.services.mission_download import MissionDownload, Peer
 from wil_campaign.vehicles.embedded.autopilot.services.outbox import CRITICAL, INFO, WARNING
 
 __all__ = ["ACCEPTED", "FENCE", "MISSION", "RALLY", "Accept", "MissionService"]
@@ -33,16 +32,45 @@ _MAX_ITEMS = 700
 _GUIDED = 2
 """MISSION_ITEM.current of an item to fly to at once."""
 
+_Peer = tuple[int, int]
+"""A client: system, component."""
+
 
 class _Upload:
     """A mission upload under way."""
 
-    def __init__(self, *, kind: int, count: int, peer: tuple[int, int], t_s: float) -> None:
+    def __init__(self, *, kind: int, count: int, peer: _Peer, t_s: float) -> None:
         self.kind = kind
         self.count = count
         self.peer = peer
         self.items: list[EmulatedMissionItem] = []
         self.last_received_s = self.requested_s = t_s
+
+
+class _Download:
+    """A download under way in PX4: who reads which list, and how far it is (mavlink_mission.cpp).
+
+    Items are sent in their order, and nothing else is taken until the client acknowledges the end,
+    or is silent for 5 s.
+    """
+
+    def __init__(self, *, kind: int, count: int, peer: _Peer, t_s: float) -> None:
+        self.kind = kind
+        self.peer = peer
+        self.last_received_s = t_s
+        self._count = count
+        self._sent = 0
+
+    def may_restart(self, kind: int, peer: _Peer) -> bool:
+        """Return whether a client may ask for a list now: the same again, or after the end."""
+        return self._sent == self._count or (self.kind, self.peer) == (kind, peer)
+
+    def takes(self, seq: int) -> bool:
+        """Return whether an item is the next one, or the last one again; count it as sent."""
+        if seq == self._sent < self._count:
+            self._sent += 1
+            return True
+        return seq == self._sent - 1
 
 
 Accept = Callable[[int, tuple[EmulatedMissionItem, ...]], int]
@@ -74,6 +102,7 @@ class MissionService:
         self._clock = clock
         self._accept = accept
         self._home = home
+        self._is_px4 = home is None
         self._rules = rules
         self._go_to = go_to
         self._lists: dict[int, tuple[EmulatedMissionItem, ...]] = {
@@ -82,7 +111,7 @@ class MissionService:
             RALLY: (),
         }
         self._upload: _Upload | None = None
-        self._download: MissionDownload | None = None
+        self._download: _Download | None = None
         """Of PX4; ArduPilot sends any item at any time."""
         self._finished: tuple[tuple[int, int], int] | None = None
         """The sender and kind of the last finished upload."""
@@ -117,25 +146,25 @@ class MissionService:
                 self._send_item(message)
         elif name == "MISSION_CLEAR_ALL":
             self._clear(message)
-        elif self._home is None:
+        elif self._is_px4:
             self._take_ack(message)
 
     def turn(self, t_s: float) -> None:
         """Request a missing mission item again; end a transfer after a time-out."""
-        px4, upload, download = self._home is None, self._upload, self._download
+        upload, download = self._upload, self._download
         if download is not None and t_s - download.last_received_s > _GIVE_UP_S:
             self._download = None
             self._tell(CRITICAL, "Operation timeout\t")
         if upload is None:
             return
-        if t_s - upload.last_received_s > (_GIVE_UP_S if px4 else _COPTER_GIVES_UP_S):
+        if t_s - upload.last_received_s > (_GIVE_UP_S if self._is_px4 else _COPTER_GIVES_UP_S):
             self._give_up(upload)
-        elif t_s - upload.requested_s > (_REQUEST_AGAIN_S if px4 else _COPTER_AGAIN_S):
+        elif t_s - upload.requested_s > (_REQUEST_AGAIN_S if self._is_px4 else _COPTER_AGAIN_S):
             self._request_next(upload, t_s)
 
     def _give_up(self, upload: _Upload) -> None:
         self._upload = None
-        if self._home is None:
+        if self._is_px4:
             self._tell(CRITICAL, "Operation timeout\t")
             return
         self._ack(upload.peer, mavlink.MAV_MISSION_OPERATION_CANCELLED, upload.kind)
@@ -146,19 +175,19 @@ class MissionService:
     def _list(self, message: Any, t_s: float) -> None:
         """Send a list's count; PX4 begins a download, if it has nothing else to do."""
         kind, peer = message.mission_type, _peer(message)
-        if self._home is None:
+        if self._is_px4:
             before = self._download
             if self._upload is not None or (before and not before.may_restart(kind, peer)):
                 self._tell(INFO, "Mission download request ignored, already active\t")
                 return
             count = len(self._lists.get(kind, ()))
-            self._download = MissionDownload(kind=kind, count=count, peer=peer, t_s=t_s)
+            self._download = _Download(kind=kind, count=count, peer=peer, t_s=t_s)
         self._send_count(message)
 
     def _may_send(self, message: Any, t_s: float) -> bool:
         """Return whether an item is sent; one out of its order ends PX4's download."""
         download, peer = self._download, _peer(message)
-        if self._home is not None:
+        if not self._is_px4:
             return True
         if download is None or (download.kind, download.peer) != (message.mission_type, peer):
             return False
@@ -178,7 +207,7 @@ class MissionService:
         if upload and cancelled and upload.peer == peer:
             self._upload = None
 
-    def _reject(self, peer: Peer, kind: int, text: str) -> None:
+    def _reject(self, peer: _Peer, kind: int, text: str) -> None:
         self._ack(peer, mavlink.MAV_MISSION_ERROR, kind)
         self._tell(CRITICAL, text)
 
@@ -187,16 +216,16 @@ class MissionService:
     def _begin(self, message: Any, t_s: float) -> None:
         peer, kind, upload = _peer(message), message.mission_type, self._upload
         if kind not in self._lists:
-            no_list = mavlink.MAV_MISSION_NO_SPACE, mavlink.MAV_MISSION_UNSUPPORTED
-            self._ack(peer, no_list[self._home is not None], kind)
+            no_space, unsupported = mavlink.MAV_MISSION_NO_SPACE, mavlink.MAV_MISSION_UNSUPPORTED
+            self._ack(peer, no_space if self._is_px4 else unsupported, kind)
         elif upload is not None and upload.peer != peer:
-            busy = mavlink.MAV_MISSION_ERROR if self._home is None else mavlink.MAV_MISSION_DENIED
+            busy = mavlink.MAV_MISSION_ERROR if self._is_px4 else mavlink.MAV_MISSION_DENIED
             self._ack(peer, busy, kind)
         elif self._download is not None:
             self._reject(peer, kind, "WPM: IGN MISSION_COUNT: Busy\t")
-        elif self._home is None and upload is not None and upload.items:
+        elif self._is_px4 and upload is not None and upload.items:
             self._reject(peer, kind, "WPM: REJ. CMD: Busy\t")
-        elif self._home is None and upload is not None and kind == upload.kind:
+        elif self._is_px4 and upload is not None and kind == upload.kind:
             # The request may have been lost; PX4 keeps the first count.
             self._request_next(upload, t_s)
         elif message.count > _MAX_ITEMS:
@@ -238,7 +267,7 @@ class MissionService:
         """Return the MAV_MISSION_RESULT of the next item; ArduPilot's home is always accepted."""
         if isinstance(item, int):
             return item
-        if upload.kind == MISSION and self._home is not None and not upload.items:
+        if upload.kind == MISSION and not self._is_px4 and not upload.items:
             return ACCEPTED
         return mission_item_fault(upload.kind, item, self._rules)
 
@@ -249,7 +278,7 @@ class MissionService:
         if result == ACCEPTED:
             self._lists[kind] = items
             self._finished = (peer, kind)
-            if self._home is not None and kind == MISSION:
+            if not self._is_px4 and kind == MISSION:
                 self._tell(INFO, "Flight plan received")
         self._ack(peer, result, kind)
 
@@ -258,14 +287,14 @@ class MissionService:
         # ArduPilot requests by the old message and accepts both forms of items; PX4 by the new one.
         request: Callable[..., Any] = (
             mavlink.MAVLink_mission_request_int_message
-            if self._home is None
+            if self._is_px4
             else mavlink.MAVLink_mission_request_message
         )
         self._send(request(*upload.peer, len(upload.items), upload.kind))
 
     def _send_count(self, message: Any) -> None:
         kind, peer = message.mission_type, _peer(message)
-        if kind not in self._lists and self._home is not None:
+        if kind not in self._lists and not self._is_px4:
             self._ack(peer, mavlink.MAV_MISSION_UNSUPPORTED, kind)
             return
         # Without a mission ArduPilot counts no home, though item 0 can be read.
@@ -294,7 +323,7 @@ class MissionService:
 
     def _refuse_request(self, message: Any, peer: tuple[int, int]) -> None:
         """Answer a request beyond the end; ArduPilot tells a mission's count again."""
-        if self._home is not None and message.mission_type == MISSION:
+        if not self._is_px4 and message.mission_type == MISSION:
             self._send_count(message)
             self._ack(peer, mavlink.MAV_MISSION_ERROR, MISSION)
         else:
@@ -302,7 +331,7 @@ class MissionService:
 
     def _clear(self, message: Any) -> None:
         kind = message.mission_type
-        if self._home is None and (self._download or self._upload):
+        if self._is_px4 and (self._download or self._upload):
             self._tell(CRITICAL, "WPM: IGN CLEAR CMD: Busy\t")
             return
         for each in self._lists if kind == _ALL else {kind} & self._lists.keys():
