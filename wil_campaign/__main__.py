@@ -1,7 +1,35 @@
-"""`python -m wil_campaign`: the command line, for where the console script is not on the path."""
+"""The program: `wil-campaign`, and `python -m wil_campaign` where that is not on the path."""
 
+import atexit
+import os
 import sys
+from contextlib import suppress
 
-from wil_campaign.orchestrator.cli import main
 
-sys.exit(main())
+def run_program() -> int:
+    """Run the command line, and return its exit code.
+
+    The process then ends after all exit handlers, without freeing its objects one by one, which
+    takes a quarter of a second. The command line is imported here, because the process of each run
+    imports the program's main module anew.
+    """
+    codes: list[int] = []
+    atexit.register(_end_process, codes)  # the handler that is registered first is called last
+    from wil_campaign.orchestrator.cli import main  # noqa: PLC0415 - as above
+
+    codes.append(main())
+    return codes[0]
+
+
+def _end_process(codes: list[int]) -> None:
+    """End this process with the code that the command line returned, once all is written."""
+    with suppress(OSError, ValueError):  # Python reports a stream that cannot be written
+        for stream in (sys.stdout, sys.stderr):
+            if stream is not None:
+                stream.flush()
+        if codes:
+            os._exit(codes[0])
+
+
+if __name__ == "__main__":
+    sys.exit(run_program())

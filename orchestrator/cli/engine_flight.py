@@ -140,9 +140,9 @@ def _ready_here(
 
     Raises BadInput where the radio of a simulation cannot carry the ground truth that it offers.
     """
+    start_run_server()  # it imports while the campaign is read
     campaign = load_selected(file, selection, options)
     require_writable_results(options.out, junit=options.junit)
-    start_run_server()
     links = [link for flown in attached_vehicles(campaign) for link in flown.addresses]
     # Before a vehicle is touched, and a person asked.
     with held_benches(campaign.benches), held_links(links):

@@ -19,8 +19,7 @@ from wil_campaign.orchestrator.campaign.campaign_runner import fly_campaign
 from wil_campaign.orchestrator.campaign.display_thread import DisplayThread
 from wil_campaign.orchestrator.campaign.folder.campaign_folder import FolderTakenError, OutputError
 from wil_campaign.orchestrator.campaign.resuming.unchanged_campaign import ResumeError
-from wil_campaign.orchestrator.campaign.workers.run_engine import LOCAL, EngineError
-from wil_campaign.orchestrator.campaign.workers.run_server import start_run_server
+from wil_campaign.orchestrator.campaign.workers.run_engine import EngineError
 from wil_campaign.orchestrator.cli.arming_consent import FlightRefusedError
 from wil_campaign.orchestrator.cli.engine_flight import ready_flight
 from wil_campaign.orchestrator.cli.final_report import write_final_report
@@ -123,8 +122,6 @@ def _fly_to_end(fly: Fly, request: bytes, watcher: MessageWatcher) -> FlightMess
 
 def _fly_campaign(line: bytes, watcher: MessageWatcher) -> CampaignEnded:
     request = decode_request(line)
-    if request.options.engine == LOCAL:
-        start_run_server()  # it imports while the campaign is read
     ready = ready_flight(request.file, request.choice.options(), request.options)
     # A program that is slow to read the messages must not keep its campaign from landing.
     with DisplayThread(watcher) as thread, ready as (campaign, cleared):
