@@ -1,5 +1,6 @@
 """`wil-campaign vehicle`: flies one embedded vehicle in a process, for any MAVLink program."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -12,12 +13,13 @@ from wil_campaign.plugins.python.standalone_settings import (
     check_parameter,
     standalone_settings,
 )
+from wil_campaign.plugins.standalone.vehicle_mocap import VehicleMocap
 from wil_campaign.vehicles.autopilots.registry import autopilot_named
 from wil_campaign.vehicles.embedded.process.embedded_process import Companion, run_process
 from wil_campaign.vehicles.embedded.process.process_settings import ProcessSettings
 from wil_campaign.vehicles.embedded.profile import ProfileError, load_profile
 from wil_campaign.vehicles.faults import FaultTextError, parse_fault
-from wil_campaign.vehicles.links.link_strings import LinkAddressError
+from wil_campaign.vehicles.links.link_strings import LinkAddressError, parse_link
 from wil_campaign.worlds.world_file.world import World
 
 _BAD_INPUT, _UNAVAILABLE = 2, 3
@@ -36,6 +38,7 @@ def vehicle(
     running: float = 0.0,
     camera: Annotated[bool, Parameter(negative=())] = False,
     video: str | None = None,
+    mocap: str | None = None,
     param: Annotated[tuple[str, ...], Parameter(negative=())] = (),
     fault: Annotated[tuple[str, ...], Parameter(negative=())] = (),
 ) -> int:
@@ -66,6 +69,8 @@ def vehicle(
         it to ground stations as a MAVLink camera.
     video
         Where the camera's images go: HOST:PORT, by default 127.0.0.1:5600.
+    mocap
+        Send the vehicle's poses as motion capture, body `drone`, to HOST:PORT by UDP.
     param
         NAME=VALUE: a parameter that differs from the default; may be given several times.
     fault
@@ -86,15 +91,18 @@ def vehicle(
             parameters=dict(_parameter(autopilot, each) for each in param),
             faults=fault,
         )
-        companion = _camera_of(settings, world, video) if camera else None
-        if companion is None:
+        companions: list[Companion] = [] if mocap is None else [_mocap_of(mocap).attach]
+        if camera:
+            companions.append(_camera_of(settings, world, video))
+        else:
             _check_no_camera(fault, video)
     except (LinkAddressError, ProfileError, ValueError) as error:
         _print_mistakes(error)
         return _BAD_INPUT
     shown = f", camera at {video or _VIDEO}" if camera else ""
+    shown += f", motion capture at {mocap}" if mocap else ""
     write_stderr(f"embedded {autopilot} at {address}, system id {system_id}{shown}; Ctrl-C ends it")
-    return _fly(settings, companion)
+    return _fly(settings, companions)
 
 
 def _print_mistakes(error: Exception) -> None:
@@ -110,15 +118,23 @@ def _print_mistakes(error: Exception) -> None:
             write_stderr(error)
 
 
-def _fly(settings: ProcessSettings, companion: Companion | None) -> int:
+def _fly(settings: ProcessSettings, companions: Sequence[Companion]) -> int:
     """Fly until the vehicle's process ends; return the exit code of the command."""
     from wil_campaign.plugins.outlets.image_delivery import DeliveryError  # noqa: PLC0415 - loads slowly
 
     try:
-        return _UNAVAILABLE if run_process(settings, companion) else 0
+        return _UNAVAILABLE if run_process(settings, companions) else 0
     except DeliveryError as error:
         write_stderr(error)
         return _UNAVAILABLE
+
+
+def _mocap_of(text: str) -> VehicleMocap:
+    """Return the motion capture of an embedded vehicle. Raises ValueError."""
+    try:
+        return VehicleMocap(parse_link(f"udpout://{text}"))
+    except LinkAddressError as error:
+        raise ValueError(f"--mocap {text}: must be HOST:PORT, as in 127.0.0.1:5570") from error
 
 
 def _camera_of(settings: ProcessSettings, world: Path | None, video: str | None) -> Companion:

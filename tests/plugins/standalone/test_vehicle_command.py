@@ -47,6 +47,8 @@ def flown(monkeypatch: pytest.MonkeyPatch) -> list[ProcessSettings]:
         (("--fault", "motor@soon"), "--fault 'motor@soon' is not a fault"),
         (("--fault", "mute@1+2", "--fault", "camera stop"), "no camera; give --camera"),
         (("--video", "127.0.0.1:5600"), "no camera; give --camera"),
+        (("--mocap", "5570"), "--mocap 5570: must be HOST:PORT"),
+        (("--mocap", "127.0.0.1:70000"), "--mocap 127.0.0.1:70000: must be HOST:PORT"),
         (("--camera",), "--camera: give --world FILE too"),
         (("--camera", "--world", "WORLD", "--video", "5600"), "--video '5600' must be HOST:PORT"),
         (("--camera", "--world", "WORLD", "--video", "a:5601"), "RTP needs an even port"),

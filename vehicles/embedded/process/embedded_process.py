@@ -7,7 +7,7 @@ import os
 import signal
 import socket
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import AbstractAsyncContextManager, AsyncExitStack
 from typing import Any, cast
 
@@ -118,7 +118,7 @@ class FeedEnd(asyncio.DatagramProtocol):
 
 
 async def fly_embedded_vehicle(
-    settings: ProcessSettings, stop: asyncio.Event, companion: Companion | None = None
+    settings: ProcessSettings, stop: asyncio.Event, companions: Sequence[Companion] = ()
 ) -> None:
     """Run the embedded vehicle until `stop` is set. Raises LinkError, BadInput, or its error."""
     vehicle = EmbeddedVehicle(
@@ -146,7 +146,7 @@ async def fly_embedded_vehicle(
     try:
         async with AsyncExitStack() as stack:
             await stack.enter_async_context(vehicle)
-            if companion is not None:
+            for companion in companions:
                 await stack.enter_async_context(companion(vehicle, faults))
             # All objects that exist now live as long as the process: the collector skips them.
             gc.freeze()
@@ -171,24 +171,24 @@ def main(arguments: list[str]) -> int:
     return run_process(settings)
 
 
-def run_process(settings: ProcessSettings, companion: Companion | None = None) -> int:
+def run_process(settings: ProcessSettings, companions: Sequence[Companion] = ()) -> int:
     """Run the process of an embedded vehicle until it ends; return the exit code.
 
-    Raises what opening its companion raises.
+    Raises what opening its companions raises.
     """
     try:
         if settings.end_with_parent:
             die_with_parent(signal.SIGTERM)
         load_kernels()
         with asyncio.Runner(loop_factory=lambda: PacedLoop(settings.speed)) as runner:
-            runner.run(_await_stop(settings, companion))
+            runner.run(_await_stop(settings, companions))
     except (LinkError, BadInput, ValueError, UnsupportedSystemError) as error:
         sys.stderr.write(f"{error}\n")
         return FAILED
     return 0
 
 
-async def _await_stop(settings: ProcessSettings, companion: Companion | None) -> None:
+async def _await_stop(settings: ProcessSettings, companions: Sequence[Companion]) -> None:
     """Run the embedded process's vehicle until SIGTERM, SIGINT or stdin's end."""
     loop, stop = asyncio.get_running_loop(), asyncio.Event()
     for number in (signal.SIGTERM, signal.SIGINT):
@@ -206,7 +206,7 @@ async def _await_stop(settings: ProcessSettings, companion: Companion | None) ->
     loop.set_exception_handler(failed)
     clock = InheritedClock.of(loop, os.environ) if isinstance(loop, PacedLoop) else None
     try:
-        await fly_embedded_vehicle(settings, stop, companion)
+        await fly_embedded_vehicle(settings, stop, companions)
     finally:
         if clock is not None:
             clock.close()
