@@ -129,6 +129,11 @@ def kernel_dispatcher(kernel: Function) -> Function:
     return cast("Function", cast("Any", kernel).dispatcher)
 
 
+def python_function(kernel: Function) -> Function:
+    """Return a kernel's function in Python, for a few numbers: to import Numba takes longer."""
+    return cast("Function", cast("_Kernel", kernel).function)
+
+
 def jit_inlined(function: Function) -> Function:
     """Return a helper that is JIT-compiled into each kernel that calls it.
 
@@ -167,7 +172,7 @@ class _Kernel:
     """Guards Numba's cache folder, which is a setting of the whole process."""
 
     def __init__(self, function: Callable[..., object], *, is_cached: bool, **options: str) -> None:
-        self._function = function
+        self.function = function
         self._is_cached = is_cached
         self._options = options
         self.__name__ = function.__name__
@@ -192,6 +197,6 @@ class _Kernel:
             try:
                 return numba.njit(
                     nogil=True, cache=folder is not None, error_model="numpy", **self._options
-                )(self._function)
+                )(self.function)
             finally:
                 numba.config.CACHE_DIR = before

@@ -4,6 +4,7 @@ Each object is held before the twin's camera in its colour, in light and shadow,
 a real image of other pixels: where the mixture stays the real image, nothing can show it.
 """
 
+import math
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from itertools import product
@@ -20,6 +21,7 @@ from wil_campaign.recipes.pipeline.sight_check import is_foreseeable, needs_dept
 from wil_campaign.recipes.working import SIDES, Side
 from wil_campaign.vehicles.readings import CameraReading
 from wil_campaign.vehicles.readings.kinds import traits_named
+from wil_campaign.worlds.camera import Intrinsics
 from wil_campaign.worlds.scene.colors import Rgb
 from wil_campaign.worlds.scene.scene import SceneObject, virtual_only_objects
 
@@ -27,6 +29,14 @@ _LIGHTS = (1.0, 0.7, 0.45, 0.25)
 """Shares of an object's colour, in light and in shadow."""
 _DISTANCES_M = (2.0, 0.7, 6.0, 20.0)
 _FAR_M = 1000.0
+_SIZELESS = frozenset(
+    {
+        *("resize", "register", "isolate_color", "isolate_objects", "isolate_depth"),
+        *("overlay", "replace"),
+    }
+)
+"""Steps to which the size of an image of one colour is nothing; a small one is tried sooner."""
+_SMALL = Intrinsics.from_fov(8, 8, math.radians(60.0))
 
 
 def hidden_object_warnings(files: CaseFiles, case: Case) -> Iterator[Problem]:
@@ -114,8 +124,12 @@ def _pair(
     light, rgb, distance_m = look
     bgr = tuple(max(1, round(light * part)) for part in reversed(rgb))
 
+    steps = (*combination.steps, combination.merge)
+    is_sizeless = all(step.kind.name in _SIZELESS for step in steps)
+    is_small = is_sizeless and cameras["real"].intrinsics == cameras["twin"].intrinsics
+
     def image(side: Side, color: tuple[int, ...], far_m: float, object_id: int) -> CameraReading:
-        lens = cameras[side].intrinsics
+        lens = _SMALL if is_small else cameras[side].intrinsics
         size = (lens.height_px, lens.width_px)
         has_depth = cameras[side].source is not None or needs_depth(combination, side)
         return CameraReading(

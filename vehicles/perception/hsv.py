@@ -9,8 +9,10 @@ import numpy as np
 
 from wil_campaign.vehicles.perception.hsv_kernel import Limits, mark_hsv_pixels
 from wil_campaign.vehicles.readings import BgrImage, Mask
+from wil_campaign.worlds.jit import python_function
 
 FULL_CIRCLE_DEG = (0.0, 360.0)
+_FEW_PX = 64
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,9 +83,10 @@ class HsvMask:
             self._mask, self._more = np.zeros(shape, np.uint8), np.empty(shape, np.uint8)
         cv2.split(image_bgr, self._planes)
         blue, green, red = (plane.reshape(-1) for plane in self._planes)
+        mark = mark_hsv_pixels if self._mask.size > _FEW_PX else python_function(mark_hsv_pixels)
         for index, colors in enumerate(self.ranges):
             target = self._mask if index == 0 else self._more
-            mark_hsv_pixels((blue, green, red), *_kernel_arguments(colors), target.reshape(-1))
+            mark((blue, green, red), *_kernel_arguments(colors), target.reshape(-1))
             if index:
                 cv2.bitwise_or(self._mask, self._more, dst=self._mask)
         return self._mask
