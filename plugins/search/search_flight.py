@@ -40,13 +40,13 @@ def fly_search_file(
     Raises BadInput, OutputError, OperatingError, RefusedError, EngineError, ResumeError,
     SearchError, MissingExtraError, TakenError.
     """
+    start_run_server()  # it imports while the search is read
     found = load_search(file, selection)
     attached = attached_vehicles(found.flown)
     links = [link for flown in attached for link in flown.addresses]
     if attached:
         _require_person(found, options)
     require_writable_results(options.out, junit=None)
-    start_run_server()
     with held_benches(found.campaign.benches if attached else ()), held_links(links):
         # Where a vehicle is attached, the person is asked before each batch.
         here = clear_for_flight(found.flown, replace(options, arm=not attached))
