@@ -18,7 +18,10 @@ from wil_campaign.hooks import Engine, engines
 from wil_campaign.installed_plugins import absent_additions, load_plugin_object, plugin_additions
 from wil_campaign.orchestrator.campaign.flight_options import ClearedCampaign, FlightOptions
 from wil_campaign.orchestrator.campaign.folder.bench_lock import held_benches, held_links
-from wil_campaign.orchestrator.campaign.folder.campaign_folder import require_writable_results
+from wil_campaign.orchestrator.campaign.folder.campaign_folder import (
+    remove_earlier_junit,
+    require_writable_results,
+)
 from wil_campaign.orchestrator.campaign.folder.repetitions import runs_planned
 from wil_campaign.orchestrator.campaign.resuming.attached_vehicles import attached_vehicles
 from wil_campaign.orchestrator.campaign.workers.run_engine import LOCAL, EngineError
@@ -36,9 +39,12 @@ def ready_flight(
 ) -> Iterator[tuple[Campaign, ClearedCampaign]]:
     """Yield a campaign that may be flown, after consent where it is required.
 
-    Its engine and its bench are reserved until the end. Raises BadInput, OutputError, RefusedError,
+    Its engine and its bench are reserved until the end. A junit.xml of an earlier campaign in the
+    place of its own is removed. Raises BadInput, OutputError, RefusedError,
     EngineError, TakenError.
     """
+    if options.junit is not None:
+        remove_earlier_junit(options.junit)
     if options.engine == LOCAL:
         result_store(options)
         with _ready_here(file, selection, options) as flight:
