@@ -88,6 +88,7 @@ _LANDED_S = 120.0
 """How long a run of a killed campaign may take to land."""
 _POLL_S = 0.2
 _CUT_OFF = "it has no result"
+_COUNTED = frozenset({"PASS", "FAIL"})
 _RESULT, _DAMAGED = "result.json", "result.damaged.json"
 
 Say = Callable[[str], None]
@@ -199,7 +200,7 @@ class _RunsToFly:
             result = results.get(name)
             if result is None:
                 raise ResumeError(f"--again {name}: the campaign has no such run")
-            if isinstance(result, RunResult) and result.verdict in {"PASS", "FAIL"}:
+            if isinstance(result, RunResult) and result.verdict in _COUNTED:
                 raise ResumeError(
                     f"--again {name}: it is {result.verdict}, which counts; only a run without "
                     "PASS or FAIL can be flown again"
@@ -211,13 +212,15 @@ class _RunsToFly:
     def _require_own_results(self, results: Mapping[str, RunResult | str]) -> None:
         """Raise ResumeError for a result that is not what summary.json has, or for a lost FAIL.
 
-        A kill may come before the summary: it may lack a run, or a later attempt at one.
+        A kill may come before the summary: it may lack a run, or a later attempt at one. A person
+        may have brought the result of a run that was lost.
         """
         try:
             summary = read_summary(self.folder / "summary.json")
         except ResultError:
             return
-        for run in (*summary.runs, *summary.controls):
+        counted = [run for run in (*summary.runs, *summary.controls) if run.verdict in _COUNTED]
+        for run in counted:
             name = f"{run.case}/{run.mode}/{run.rep}"
             result = results.get(name, "")
             if isinstance(result, RunResult):
