@@ -3,6 +3,7 @@
 Used by `run`, `search` and the Python API.
 """
 
+from collections import Counter
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -78,12 +79,27 @@ def load_selected(file: Path, selection: ExpansionOptions, options: FlightOption
 
 
 def campaign_of_runs(campaign: Campaign, names: Collection[str]) -> Campaign:
-    """Return a campaign with only some of its runs and controls; `left_out` counts the others."""
+    """Return a campaign with only some of its runs and controls; `left_out` counts the others.
+
+    It requires the share of the runs that are left, as with --repetitions.
+    """
     runs = tuple(plan for plan in campaign.runs if plan.name in names)
     controls = tuple(plan for plan in campaign.controls if plan.name in names)
+    counts = Counter[tuple[str, str]]((plan.case, plan.mode) for plan in runs)
+    requirements = tuple(
+        replace(wanted, share=wanted.share.scaled(count))
+        for wanted in campaign.requirements
+        if (count := counts[wanted.case, wanted.mode])
+    )
     missing = len(campaign.plans) - len(runs) - len(controls)
     left_out = (f"{missing} of {len(campaign.plans)} runs and controls",) if missing else ()
-    return replace(campaign, runs=runs, controls=controls, left_out=(*campaign.left_out, *left_out))
+    return replace(
+        campaign,
+        runs=runs,
+        controls=controls,
+        requirements=requirements,
+        left_out=(*campaign.left_out, *left_out),
+    )
 
 
 def check_engine(text: str) -> None:
