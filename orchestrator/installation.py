@@ -20,6 +20,7 @@ _HOME = Path(__file__).parents[1]
 """Where the program's folders lie: wil_campaign, or the root of a checkout that lost its links."""
 _PACKAGE = _HOME if (_HOME / "py.typed").is_file() else _HOME / "wil_campaign"
 _FOLDERS = ("orchestrator", "vehicles", "recipes", "campaigns", "safety", "worlds", "plugins")
+_FOLDERS_WITH_DATA, _DATA = ("vehicles", "plugins"), {".json", ".onnx", ".yaml"}
 _DESCRIBE = ("describe", "--always", "--dirty", "--exclude=*", "--abbrev=40")
 _GIT_S = 30.0
 """The longest that git may take, in seconds: the checkout may lie on a disk of the network."""
@@ -62,11 +63,17 @@ def flown_program() -> str:
 
 @cache
 def code_digest() -> str:
-    """Return a digest of the program's code: the same in a checkout and in a wheel of it."""
+    """Return a digest of the program's code: the same in a checkout and in a wheel of it.
+
+    With the data that its vehicles and plugins fly by: profiles, parameters, networks.
+    """
     own = [*_PACKAGE.glob("*.py"), *(_PACKAGE / "foundation").rglob("*.py")]
     files = {path.relative_to(_PACKAGE): path for path in own}
     for folder in _FOLDERS:
         files |= {path.relative_to(_HOME): path for path in (_HOME / folder).rglob("*.py")}
+    for folder in _FOLDERS_WITH_DATA:
+        paths = (path for path in (_HOME / folder).rglob("*") if path.suffix in _DATA)
+        files |= {path.relative_to(_HOME): path for path in paths}
     digest = hashlib.sha256()
     for name in sorted(files):
         digest.update(f"{name}\0".encode())
