@@ -25,8 +25,10 @@ from wil_campaign.installed_plugins import (
     installed_plugins_by_name,
     load_plugin_object,
     plugin_additions,
+    third_party_modules,
 )
 from wil_campaign.orchestrator.cli import main
+from wil_campaign.orchestrator.installation import flown_plugins
 from wil_campaign.orchestrator.report.campaign_report import write_report
 from wil_campaign.plugins.doctor.installed import plugin_findings
 from wil_campaign.recipes.model.registry import registered_steps
@@ -305,7 +307,18 @@ def test_runs_fly_by_an_engine_of_another_distribution(
     assert main([*words, "--engine", "farm://a"]) == 0
     assert "on farm://a" in capsys.readouterr().out
     (manifest,) = (tmp_path / "out").rglob("campaign.json")
-    assert json.loads(manifest.read_text())["plugins"] == {"sonar": "wil-sonar 1.2"}
+    (text,) = json.loads(manifest.read_text())["plugins"].values()
+    assert re.fullmatch("wil-sonar 1.2, code [0-9a-f]{16}", text)
+
+
+def test_a_plugin_that_is_edited_is_another_one_for_results(install: Install) -> None:
+    """Installed from a folder to be edited there, it keeps its version."""
+    install(SONAR)
+    was = flown_plugins()
+    path = Path(str(third_party_modules()["sonar"].__file__))
+    path.write_text(f"{path.read_text()}\nLIMIT = 2\n")
+    assert was.keys() == {"sonar"}
+    assert flown_plugins() != was
 
 
 CHECK = """
