@@ -13,6 +13,8 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
 
+from wil_campaign.installed_plugins import third_party_modules, third_party_plugins
+
 UNKNOWN_COMMIT = "unknown commit"
 NOT_INSTALLED = "not installed"
 _NAME = "wil-campaign"
@@ -20,6 +22,7 @@ _HOME = Path(__file__).parents[1]
 """Where the program's folders lie: wil_campaign, or the root of a checkout that lost its links."""
 _PACKAGE = _HOME if (_HOME / "py.typed").is_file() else _HOME / "wil_campaign"
 _FOLDERS = ("orchestrator", "vehicles", "recipes", "campaigns", "safety", "worlds", "plugins")
+_FOLDERS_WITH_DATA, _DATA = ("vehicles", "plugins"), {".json", ".onnx", ".yaml"}
 _DESCRIBE = ("describe", "--always", "--dirty", "--exclude=*", "--abbrev=40")
 _GIT_S = 30.0
 """The longest that git may take, in seconds: the checkout may lie on a disk of the network."""
@@ -62,11 +65,43 @@ def flown_program() -> str:
 
 @cache
 def code_digest() -> str:
-    """Return a digest of the program's code: the same in a checkout and in a wheel of it."""
+    """Return a digest of the program's code: the same in a checkout and in a wheel of it.
+
+    With the data that its vehicles and plugins fly by: profiles, parameters, networks.
+    """
     own = [*_PACKAGE.glob("*.py"), *(_PACKAGE / "foundation").rglob("*.py")]
     files = {path.relative_to(_PACKAGE): path for path in own}
     for folder in _FOLDERS:
         files |= {path.relative_to(_HOME): path for path in (_HOME / folder).rglob("*.py")}
+    for folder in _FOLDERS_WITH_DATA:
+        paths = (path for path in (_HOME / folder).rglob("*") if path.suffix in _DATA)
+        files |= {path.relative_to(_HOME): path for path in paths}
+    return _digest_of(files)
+
+
+def flown_plugins() -> dict[str, str]:
+    """Return by name what identifies the plugins of others: distribution, version, code.
+
+    One that is installed from a folder to be edited there keeps its version.
+    """
+    modules = third_party_modules()
+    return {
+        name: f"{origin}, code {_digest_of(_files_of_module(modules[name]))}"
+        for name, origin in third_party_plugins().items()
+    }
+
+
+def _files_of_module(module: Any) -> dict[Path, Path]:
+    """Return the Python files of a module or package, by their path in it."""
+    file = getattr(module, "__file__", None)
+    files = {} if file is None else {Path(Path(file).name): Path(file)}
+    for folder in map(Path, getattr(module, "__path__", ())):
+        files |= {path.relative_to(folder): path for path in folder.rglob("*.py")}
+    return files
+
+
+def _digest_of(files: Mapping[Path, Path]) -> str:
+    """Return a short digest of files, by the names that count."""
     digest = hashlib.sha256()
     for name in sorted(files):
         digest.update(f"{name}\0".encode())

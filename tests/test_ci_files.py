@@ -67,9 +67,8 @@ def test_the_action_validates_flies_and_shows_what_failed(tmp_path: Path) -> Non
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "results" / "junit.xml").read_text().count("<testcase") == 1
     assert "### hover: accepted" in (tmp_path / "summary.md").read_text("utf-8")
-    done = perform(
-        "Fly", tmp_path, campaign="hover.yaml", options="--set oracles.altitude.max_m=0.1"
-    )
+    inputs["options"] = "--repetitions 1\n--set oracles.altitude.max_m=0.1\n"  # of a block of YAML
+    done = perform("Fly", tmp_path, **inputs)
     assert done.returncode == 1
     assert "::error file=hover.yaml,line=1," in done.stderr
     assert "### hover: not accepted" in (tmp_path / "summary.md").read_text("utf-8")

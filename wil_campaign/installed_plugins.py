@@ -216,6 +216,13 @@ def third_party_plugins() -> Mapping[str, str]:
     return {name: origins[name] for name in sorted(origins) if origins[name] != _ORIGIN}
 
 
+def third_party_modules() -> Mapping[str, Any]:
+    """Return by name the outermost module of each plugin that does not ship with this program."""
+    found = {name: _registered()[0].get_plugin(name) for name in third_party_plugins()}
+    names = {name: getattr(one, "__name__", type(one).__module__) for name, one in found.items()}
+    return {name: sys.modules[text.partition(".")[0]] for name, text in names.items()}
+
+
 def absent_additions(hook: Callable[[], Sequence[NamedAddition]]) -> Mapping[str, str]:
     """Return by name what shipped plugins add that are not installed: whose it is, the remedy."""
     return {

@@ -95,12 +95,13 @@ def judge_campaign_again(campaign: Campaign, folder: Path) -> Judgement:
     now_by_name = {name: each.now for name, each in by_name.items()}
     due = runs_due(campaign.plans, campaign.test, now_by_name)
     absent = [plan for plan in due if plan.name not in by_name]
+    surplus = [name for name in by_name if name not in {plan.name for plan in due}]
     counted = tuple(by_name[plan.name] for plan in due if plan.name in by_name)
     _require_own_summary(before, counted, folder)
     runs = [each.now for each in counted]
     return Judgement(
         counted,
-        _summary(campaign, before, runs, absent),
+        _summary(campaign, before, runs, absent, surplus),
         exit_code(
             runs,
             campaign.requirements,
@@ -127,12 +128,18 @@ def _as_settled(campaign: Campaign, flown: Mapping[str, Any]) -> Campaign:
 
 
 def _summary(
-    campaign: Campaign, before: Summary, runs: Sequence[RunResult], absent: Sequence[RunPlan]
+    campaign: Campaign,
+    before: Summary,
+    runs: Sequence[RunResult],
+    absent: Sequence[RunPlan],
+    surplus: Sequence[str],
 ) -> Summary:
     """Return the summary of the reevaluated runs; absent: those that are not in the folder.
 
+    surplus: names of those that are, and do not count, as the sequential test decides before them.
     Vehicles, sensors and what ended the campaign are taken from the summary of the flight.
     """
+    left = [f"not counted, flown after the decision: {', '.join(surplus)}"] if surplus else []
     return summarize(
         runs,
         campaign.requirements,
@@ -146,7 +153,7 @@ def _summary(
         broken=before.broken,
         controls_due=len(campaign.controls),
         missing=sum(plan.required for plan in absent),
-        caveats=campaign.caveats,
+        caveats=(*campaign.caveats, *left),
         not_flown=tuple(plan.name for plan in absent),
     )
 

@@ -32,5 +32,5 @@ def _announce(function_of: Callable[[Announcer], str], *args: object, **options:
     for name, announcer in found.items():
         try:
             load_plugin_object(function_of(announcer))(*args, **options)
-        except Exception as error:  # noqa: BLE001 - the command has ended, and its results are whole
+        except (Exception, SystemExit) as error:  # noqa: BLE001 - the results are whole
             write_stderr(f"{name} announces nothing: {type(error).__name__}: {error}")

@@ -3,6 +3,7 @@
 Used by `run`, `search` and the Python API.
 """
 
+from collections import Counter
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -18,7 +19,10 @@ from wil_campaign.hooks import Engine, engines
 from wil_campaign.installed_plugins import absent_additions, load_plugin_object, plugin_additions
 from wil_campaign.orchestrator.campaign.flight_options import ClearedCampaign, FlightOptions
 from wil_campaign.orchestrator.campaign.folder.bench_lock import held_benches, held_links
-from wil_campaign.orchestrator.campaign.folder.campaign_folder import require_writable_results
+from wil_campaign.orchestrator.campaign.folder.campaign_folder import (
+    remove_earlier_junit,
+    require_writable_results,
+)
 from wil_campaign.orchestrator.campaign.folder.repetitions import runs_planned
 from wil_campaign.orchestrator.campaign.resuming.attached_vehicles import attached_vehicles
 from wil_campaign.orchestrator.campaign.workers.run_engine import LOCAL, EngineError
@@ -36,9 +40,12 @@ def ready_flight(
 ) -> Iterator[tuple[Campaign, ClearedCampaign]]:
     """Yield a campaign that may be flown, after consent where it is required.
 
-    Its engine and its bench are reserved until the end. Raises BadInput, OutputError, RefusedError,
+    Its engine and its bench are reserved until the end. A junit.xml of an earlier campaign in the
+    place of its own is removed. Raises BadInput, OutputError, RefusedError,
     EngineError, TakenError.
     """
+    if options.junit is not None:
+        remove_earlier_junit(options.junit)
     if options.engine == LOCAL:
         result_store(options)
         with _ready_here(file, selection, options) as flight:
@@ -72,12 +79,27 @@ def load_selected(file: Path, selection: ExpansionOptions, options: FlightOption
 
 
 def campaign_of_runs(campaign: Campaign, names: Collection[str]) -> Campaign:
-    """Return a campaign with only some of its runs and controls; `left_out` counts the others."""
+    """Return a campaign with only some of its runs and controls; `left_out` counts the others.
+
+    It requires the share of the runs that are left, as with --repetitions.
+    """
     runs = tuple(plan for plan in campaign.runs if plan.name in names)
     controls = tuple(plan for plan in campaign.controls if plan.name in names)
+    counts = Counter[tuple[str, str]]((plan.case, plan.mode) for plan in runs)
+    requirements = tuple(
+        replace(wanted, share=wanted.share.scaled(count))
+        for wanted in campaign.requirements
+        if (count := counts[wanted.case, wanted.mode])
+    )
     missing = len(campaign.plans) - len(runs) - len(controls)
     left_out = (f"{missing} of {len(campaign.plans)} runs and controls",) if missing else ()
-    return replace(campaign, runs=runs, controls=controls, left_out=(*campaign.left_out, *left_out))
+    return replace(
+        campaign,
+        runs=runs,
+        controls=controls,
+        requirements=requirements,
+        left_out=(*campaign.left_out, *left_out),
+    )
 
 
 def check_engine(text: str) -> None:

@@ -19,7 +19,7 @@ def write_final_report(folder: Path) -> campaign_report.WrittenReport | None:
         return campaign_report.write_report(folder)
     except KeyboardInterrupt:
         why = "interrupted"
-    except Exception as error:  # noqa: BLE001 - the flights are over, and their results are whole
+    except (Exception, SystemExit) as error:  # noqa: BLE001 - the results are whole
         why = f"{type(error).__name__}: {error}"
     write_stderr(
         f"ERROR: {campaign_report.FILE_NAME} was not written ({why}); the results are complete "

@@ -43,7 +43,7 @@ def views_beside(
                 view.__enter__()
             except LiveViewError:
                 raise
-            except Exception as fault:
+            except (Exception, SystemExit) as fault:
                 raise BrokenViewError(_broken_text(name, fault)) from fault
             stack.push(_closing(name, view, say))
         yield
@@ -57,14 +57,14 @@ def _closing(
     def close(kind: Raised, error: BaseException | None, trace: TracebackType | None) -> bool:
         try:
             view.__exit__(kind, error, trace)
-        except Exception as fault:  # noqa: BLE001 - of a plugin, after the flight
+        except (Exception, SystemExit) as fault:  # noqa: BLE001 - of a plugin, after the flight
             say(f"--{name}: the view cannot be closed: {type(fault).__name__}: {fault}")
         return False
 
     return close
 
 
-def _broken_text(name: str, fault: Exception) -> str:
+def _broken_text(name: str, fault: BaseException) -> str:
     """Return which plugin's view cannot be opened, and why."""
     plugins = (
         one for one in installed_plugins_by_name() if name in one.adds.get(live_views.__name__, ())

@@ -155,7 +155,7 @@ def _section(
     """Return what a plugin adds about a campaign or about a run."""
     try:
         found: Section = load_plugin_object(wanted.section)(folder, what)
-    except Exception as error:  # noqa: BLE001 - a plugin may raise anything
+    except (Exception, SystemExit) as error:  # noqa: BLE001 - a plugin may raise anything
         text = needed_plugin_text("it", error) or f"{type(error).__name__}: {error}"
         why = f"the section {wanted.name} is left out: {text}"
         return Section(problems=(why,))

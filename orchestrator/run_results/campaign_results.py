@@ -7,7 +7,10 @@ from typing import Literal
 from wil_campaign.campaigns.values.acceptance import PassRequirement
 from wil_campaign.foundation.clocks.virtual_loop import Clock
 from wil_campaign.foundation.files.document_writer import to_json
-from wil_campaign.orchestrator.run_results.control_results import control_faults
+from wil_campaign.orchestrator.run_results.control_results import (
+    control_faults,
+    needless_control_texts,
+)
 from wil_campaign.orchestrator.run_results.exit_codes import equal_run_texts, is_campaign_accepted
 from wil_campaign.orchestrator.run_results.run_result import RunResult, Stop
 from wil_campaign.safety.model.oracle_results import Verdict
@@ -131,7 +134,11 @@ def summarize(
         left_out=left_out,
         controls=controls,
         unmet=tuple(control_faults(controls)),
-        caveats=(*caveats, *equal_run_texts(flown, requirements)),
+        caveats=(
+            *caveats,
+            *equal_run_texts(flown, requirements),
+            *needless_control_texts(flown, controls),
+        ),
         not_flown=not_flown,
         stopped=stopped,
         broken=broken,

@@ -1,6 +1,6 @@
 """Control runs against their expectation: one that passes shows that its campaign cannot fail."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -24,7 +24,7 @@ class ControlResult:
 
 
 class ControlRun(Protocol):
-    """A finished control run (protocol of `RunResult`)."""
+    """A finished run (protocol of `RunResult`), a control or one that a control may change."""
 
     @property
     def case(self) -> str:
@@ -33,6 +33,14 @@ class ControlRun(Protocol):
     @property
     def mode(self) -> str:
         """Return the mode in which the control was flown."""
+
+    @property
+    def seed(self) -> int:
+        """Return the seed of the control run: that of the run that it changes."""
+
+    @property
+    def subject(self) -> str:
+        """Return the vehicle that is judged."""
 
     @property
     def verdict(self) -> Verdict:
@@ -64,18 +72,58 @@ def control_result(
     """
     if expected is None:
         return None
+    met = _is_met(expected, verdict=verdict, reason=reason, decided_by=decided_by, subject=subject)
+    return ControlResult(expected.case, expected.verdict, expected.oracle, expected.cause, met)
+
+
+def _is_met(
+    expected: Expectation | ControlResult,
+    *,
+    verdict: Verdict,
+    reason: str,
+    decided_by: str,
+    subject: str,
+) -> bool:
+    """Return whether a run ended as a control must; the arguments are those of `control_result`."""
     wanted = None if expected.oracle is None else event_source_of(expected.oracle, subject)
-    met = (
+    return (
         verdict == expected.verdict
         and wanted in {None, decided_by}
         and (expected.cause or "") in reason
     )
-    return ControlResult(expected.case, expected.verdict, expected.oracle, expected.cause, met)
 
 
 def control_faults(runs: Iterable[ControlRun]) -> list[str]:
     """Return in words each control that did not end as expected."""
     return [_fault(run) for run in runs if run.control is not None and not run.control.met]
+
+
+def needless_control_texts(
+    runs: Iterable[ControlRun], controls: Iterable[ControlRun]
+) -> Iterator[str]:
+    """Yield a caveat for each control that ended as expected, as its case does without it.
+
+    runs: without the controls. Of them the one with the control's case, mode and seed differs from
+    it in nothing but what the control changes.
+    """
+    flown = {(run.case, run.mode, run.seed): run for run in runs}
+    for control_run in controls:
+        wanted = control_run.control
+        if wanted is None or not wanted.met:
+            continue
+        unchanged = flown.get((wanted.case, control_run.mode, control_run.seed))
+        if unchanged is None or not _is_met(
+            wanted,
+            verdict=unchanged.verdict,
+            reason=unchanged.bare_reason,
+            decided_by=unchanged.decided_by,
+            subject=unchanged.subject,
+        ):
+            continue
+        yield (
+            f"control {control_run.case} {control_run.mode} shows nothing: {wanted.case} "
+            f"{ended_text(unchanged)} with the same seed, without what the control changes"
+        )
 
 
 def expected_text(control: ControlResult) -> str:

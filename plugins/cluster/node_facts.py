@@ -4,9 +4,13 @@ import os
 import platform
 from collections.abc import Mapping
 
-from wil_campaign.installed_plugins import third_party_plugins
 from wil_campaign.orchestrator.campaign.folder.manifest import flown_versions
-from wil_campaign.orchestrator.installation import code_digest, program_commit, program_version
+from wil_campaign.orchestrator.installation import (
+    code_digest,
+    flown_plugins,
+    program_commit,
+    program_version,
+)
 
 _SUBREAPER = "RAY_kill_child_processes_on_worker_exit_with_raylet_subreaper"
 """With this set, Ray also kills guards when a worker ends."""
@@ -15,7 +19,7 @@ _TRUE = frozenset({"1", "true"})
 
 def node_facts() -> dict[str, str]:
     """Return the facts of this machine: name, versions, plugins of others, digest of the code."""
-    others = ", ".join(f"{name} ({origin})" for name, origin in third_party_plugins().items())
+    others = ", ".join(f"{name} ({origin})" for name, origin in flown_plugins().items())
     return {
         "node": platform.node(),
         "subreaper": os.environ.get(_SUBREAPER, ""),

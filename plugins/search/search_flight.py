@@ -83,7 +83,7 @@ def write_search_report(
     """Write the report of a search; return its path, or None after an error message to `err`."""
     try:
         return search_report.write_search_page(search, outcome)
-    except Exception as error:  # noqa: BLE001 - the flights are over, and their results are whole
+    except (Exception, SystemExit) as error:  # noqa: BLE001 - the results are whole
         why = f"{type(error).__name__}: {error}"
         name = search_report.FILE_NAME
         err(f"ERROR: {name} was not written ({why}); the results are complete without it")

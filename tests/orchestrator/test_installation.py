@@ -209,6 +209,23 @@ def test_code_that_is_not_the_installed_one_came_from_a_folder(
     assert installation.pip_requirement() is None
 
 
+@pytest.mark.parametrize(
+    ("changed", "is_other"),
+    [("vehicles/links/udp.py", True), ("vehicles/profiles/cage.yaml", True), ("docs/a.md", False)],
+)
+def test_the_digest_of_the_code_has_what_flights_go_by(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, changed: str, *, is_other: bool
+) -> None:
+    monkeypatch.setattr(installation, "_HOME", tmp_path)
+    monkeypatch.setattr(installation, "_PACKAGE", tmp_path / "wil_campaign")
+    digests = []
+    for text in ("drag: 1", "drag: 2"):
+        (tmp_path / changed).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / changed).write_text(text)
+        digests.append(installation.code_digest.__wrapped__())
+    assert (digests[0] != digests[1]) is is_other
+
+
 def test_the_version_has_the_commit(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["--version"]) == 0
     assert capsys.readouterr().out.strip().endswith(f"{installation._commit_text()})")

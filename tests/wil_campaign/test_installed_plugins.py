@@ -1,6 +1,7 @@
 """Plugins: found, listed, refused by name, and none is needed to fly."""
 
 import dataclasses
+import importlib
 import json
 import os
 import re
@@ -25,8 +26,10 @@ from wil_campaign.installed_plugins import (
     installed_plugins_by_name,
     load_plugin_object,
     plugin_additions,
+    third_party_modules,
 )
 from wil_campaign.orchestrator.cli import main
+from wil_campaign.orchestrator.installation import flown_plugins
 from wil_campaign.orchestrator.report.campaign_report import write_report
 from wil_campaign.plugins.doctor.installed import plugin_findings
 from wil_campaign.recipes.model.registry import registered_steps
@@ -305,7 +308,18 @@ def test_runs_fly_by_an_engine_of_another_distribution(
     assert main([*words, "--engine", "farm://a"]) == 0
     assert "on farm://a" in capsys.readouterr().out
     (manifest,) = (tmp_path / "out").rglob("campaign.json")
-    assert json.loads(manifest.read_text())["plugins"] == {"sonar": "wil-sonar 1.2"}
+    (text,) = json.loads(manifest.read_text())["plugins"].values()
+    assert re.fullmatch("wil-sonar 1.2, code [0-9a-f]{16}", text)
+
+
+def test_a_plugin_that_is_edited_is_another_one_for_results(install: Install) -> None:
+    """Installed from a folder to be edited there, it keeps its version."""
+    install(SONAR)
+    was = flown_plugins()
+    path = Path(str(third_party_modules()["sonar"].__file__))
+    path.write_text(f"{path.read_text()}\nLIMIT = 2\n")
+    assert was.keys() == {"sonar"}
+    assert flown_plugins() != was
 
 
 CHECK = """
@@ -342,7 +356,8 @@ from wil_campaign.hooks import ReportSection, Section, implements
 
 @implements
 def report_sections():
-    return [ReportSection("depths", "wil_sonar:depths"), ReportSection("deaf", "wil_sonar:deaf")]
+    names = ("depths", "deaf", "gone")
+    return [ReportSection(name, f"wil_sonar:{name}") for name in names]
 
 
 def depths(folder, campaign):
@@ -352,6 +367,10 @@ def depths(folder, campaign):
 
 def deaf(folder, campaign):
     raise OSError("no sound")
+
+
+def gone(folder, campaign):
+    raise SystemExit(0)
 """
 
 
@@ -363,9 +382,10 @@ def test_a_plugin_adds_a_section_to_the_report(install: Install, tmp_path: Path)
     found = write_report(folder, out=tmp_path / "other.html")
     assert not (folder / "depths.json").exists()
     assert found == write_report(folder, out=tmp_path / "other.html")
-    assert write_report(folder).problems[-2:] == (
+    assert write_report(folder).problems[-3:] == (
         "no echo",
         "the section deaf is left out: OSError: no sound",
+        "the section gone is left out: SystemExit: 0",
     )
     assert found.texts == ("7 m in a",)
     assert (folder / "depths.json").read_text("utf-8") == "[7]"
@@ -462,6 +482,13 @@ def test_a_plugin_tells_how_commands_ended_and_may_fail(
     (folder,) = (tmp_path / "out").glob("*/*")
     assert f"hover True True in {folder.name}\n" in shown.out
     assert "horn announces nothing: OSError: hoarse" in shown.err
+    # As a command line of a library does when all went well: the campaign did not.
+    path = Path(str(third_party_modules()["sonar"].__file__))
+    path.write_text(path.read_text().replace('OSError("hoarse")', "SystemExit(0)"))
+    importlib.reload(third_party_modules()["sonar"])
+    words = ["run", str(file), "--out", str(tmp_path / "out")]
+    assert main([*words, "--set", "oracles.altitude={max_m: 0.1}"]) == 1
+    assert "horn announces nothing: SystemExit: 0" in capsys.readouterr().err
     file.write_text(file.read_text() + "one: 1\ntwo: 2\n")
     assert main(["validate", str(file), "--count", str(tmp_path / "n")]) == 2
     assert capsys.readouterr().out == "2 faults\n"

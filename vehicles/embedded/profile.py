@@ -252,7 +252,12 @@ class Profile(Part):
 
 def list_profiles() -> tuple[str, ...]:
     """Return the names of the profiles that come with the program."""
-    return tuple(sorted(path.stem for path in _FOLDER.glob("*.yaml")))
+    return tuple(path.stem for path in profile_files())
+
+
+def profile_files() -> list[Path]:
+    """Return the files of the profiles that come with the program, sorted."""
+    return sorted(_FOLDER.glob("*.yaml"))
 
 
 def load_profile(name_or_path: str | Path, *, shown_as: str | None = None) -> Profile:

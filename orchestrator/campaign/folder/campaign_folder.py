@@ -25,6 +25,8 @@ _NAME_BYTES, _PATH_BYTES = 255, 4095
 _BENEATH_BYTES = 500
 """Room for what a campaign writes beneath --out: its name, its start, case, mode, run and file."""
 _LOCK = ".lock"
+_JUNIT, _JUNIT_BEGINS = b"<testsuites", 100
+"""By what it is known that a file is a junit.xml, within so many bytes of its beginning."""
 
 
 class OutputError(Exception):
@@ -51,6 +53,13 @@ def make_campaign_folder(parent: Path) -> Path:
             f"the results cannot be written to {parent}: {reason}; choose another folder with --out"
         ) from error
     raise OutputError(f"{parent} already has 1000 folders of this second")
+
+
+def remove_earlier_junit(path: Path) -> None:
+    """Remove the junit.xml of an earlier campaign: one that is refused must not seem to be it."""
+    with contextlib.suppress(OSError):  # whoever writes there says why not
+        if path.is_file() and _JUNIT in path.read_bytes()[:_JUNIT_BEGINS]:
+            path.unlink()
 
 
 def require_writable_results(out: Path, *, junit: Path | None) -> None:

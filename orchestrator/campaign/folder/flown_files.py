@@ -8,6 +8,7 @@ from typing import Self
 
 from wil_campaign.orchestrator.campaign.folder.campaign_folder import OutputError
 from wil_campaign.orchestrator.campaign.folder.manifest import file_digest
+from wil_campaign.vehicles.embedded.profile import profile_files
 
 _State = tuple[int, int, int]
 """Size, time of the last change and inode: where they are the same, the content is."""
@@ -40,7 +41,8 @@ class FlownFiles:
         digests: by path relative to the campaign file, symlinks followed. read: the files by the
         names by which runs read them, which may be symlinks. skipped: documents, of which runs have
         what was read when the campaign began, so that a later change of them concerns no run; and
-        files that a flight may write.
+        files that a flight may write. The program's own profiles are watched as well: each run
+        reads them, and a checkout may be edited.
         """
         home = campaign_file.resolve().parent
         left_out = {path.resolve() for path in skipped}
@@ -51,6 +53,7 @@ class FlownFiles:
             for path, place in places.items()
             if place in by_path and place not in left_out
         }
+        own |= {path: file_digest(path) for path in profile_files()}
         return cls(home, dict(digests), own, {path: _state_of(path) for path in own})
 
     def require_same_code(self, run: str, code: Mapping[str, str]) -> None:

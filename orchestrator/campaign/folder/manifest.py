@@ -18,10 +18,10 @@ from wil_campaign.foundation.clocks.virtual_loop import Clock
 from wil_campaign.foundation.files.documents import Data, Document
 from wil_campaign.foundation.processes.linux import usable_cores
 from wil_campaign.hooks import autonomy_kinds
-from wil_campaign.installed_plugins import plugin_additions, third_party_plugins
+from wil_campaign.installed_plugins import plugin_additions
 from wil_campaign.orchestrator.campaign.folder.imported_files import files_imported_by
 from wil_campaign.orchestrator.campaign.folder.named_files import document_place, named_files
-from wil_campaign.orchestrator.installation import flown_program
+from wil_campaign.orchestrator.installation import flown_plugins, flown_program
 from wil_campaign.orchestrator.recording.timestamps import utc_text
 
 _CHUNK_BYTES = 1 << 20
@@ -58,7 +58,7 @@ def campaign_manifest(campaign: Campaign, clock: Clock, *, arm: bool = True) -> 
         "started_utc": utc_text(time.time()),
         "host": {"name": platform.node(), "machine": platform.machine(), "cores": usable_cores()},
         "versions": {"python": platform.python_version(), **_versions(imported.packages)},
-        "plugins": third_party_plugins(),
+        "plugins": flown_plugins(),
         "files": _digests(files | imported.files, campaign),
         "runs": _runs(campaign),
         "requirements": [asdict(requirement) for requirement in campaign.requirements],
@@ -82,7 +82,7 @@ def judging_manifest(campaign: Campaign, flown: Mapping[str, Any]) -> dict[str, 
     return {
         "options": {"set": list(campaign.options.sets)},
         "versions": _versions(frozenset()),
-        "plugins": third_party_plugins(),
+        "plugins": flown_plugins(),
         "files": _digests(files, campaign),
         "runs": _as_flown(campaign, flown),
         "document": campaign.document.data,

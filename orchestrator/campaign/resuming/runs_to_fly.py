@@ -42,6 +42,7 @@ from wil_campaign.orchestrator.run_results.attempts import (
     is_cut_off,
     retry_due,
 )
+from wil_campaign.orchestrator.run_results.campaign_results import is_same_result
 from wil_campaign.orchestrator.run_results.result_reader import (
     ResultError,
     read_result,
@@ -87,6 +88,7 @@ _LANDED_S = 120.0
 """How long a run of a killed campaign may take to land."""
 _POLL_S = 0.2
 _CUT_OFF = "it has no result"
+_COUNTED = frozenset({"PASS", "FAIL"})
 _RESULT, _DAMAGED = "result.json", "result.damaged.json"
 
 Say = Callable[[str], None]
@@ -162,6 +164,7 @@ class _RunsToFly:
                 _await_landing(home, self.say)
         results = {plan.name: _read_finished(self.folder / plan.name, plan) for plan in self._plans}
         self._require_repeatable(results)
+        self._require_own_results(results)
         lost: list[tuple[RunPlan, str]] = []
         for plan in self._plans:
             result, earlier = results[plan.name], self._earlier_attempts(plan)
@@ -197,7 +200,7 @@ class _RunsToFly:
             result = results.get(name)
             if result is None:
                 raise ResumeError(f"--again {name}: the campaign has no such run")
-            if isinstance(result, RunResult) and result.verdict in {"PASS", "FAIL"}:
+            if isinstance(result, RunResult) and result.verdict in _COUNTED:
                 raise ResumeError(
                     f"--again {name}: it is {result.verdict}, which counts; only a run without "
                     "PASS or FAIL can be flown again"
@@ -205,6 +208,32 @@ class _RunsToFly:
             why = result.no_retry if isinstance(result, RunResult) else self._failure(name, result)
             if why:
                 raise ResumeError(f"--again {name}: {why}; such a run is not flown again")
+
+    def _require_own_results(self, results: Mapping[str, RunResult | str]) -> None:
+        """Raise ResumeError for a result that is not what summary.json has, or for a lost FAIL.
+
+        A kill may come before the summary: it may lack a run, or a later attempt at one. A person
+        may have brought the result of a run that was lost.
+        """
+        try:
+            summary = read_summary(self.folder / "summary.json")
+        except ResultError:
+            return
+        counted = [run for run in (*summary.runs, *summary.controls) if run.verdict in _COUNTED]
+        for run in counted:
+            name = f"{run.case}/{run.mode}/{run.rep}"
+            result = results.get(name, "")
+            if isinstance(result, RunResult):
+                is_later = len(result.attempts) > len(run.attempts)
+                is_own = is_later or is_same_result(run, result)
+            else:
+                is_set_aside = bool(earlier_attempt_folders(self.folder, name))
+                is_own = run.verdict != "FAIL" or is_set_aside or bool(self._failure(name, result))
+            if not is_own:
+                raise ResumeError(
+                    f"{self.folder / name / _RESULT} is not the result that summary.json has "
+                    f"({run.verdict}): restore it, or start the campaign anew, without --resume"
+                )
 
     def _is_flown_again(self, plan: RunPlan, result: RunResult) -> bool:
         if plan.name in self.rules.again:

@@ -209,7 +209,7 @@ def _with_file(
         files = tuple(sorted({*result.artifacts, name}))
         extended = replace(result, artifacts=files)
         write_atomically(order.folder / _RESULT, to_json(extended))
-    except Exception as error:  # noqa: BLE001 - the result is worth more than what is made of it
+    except (Exception, SystemExit) as error:  # noqa: BLE001 - worth less than the result
         sys.stderr.write(f"{text} was not made: {type(error).__name__}: {error}\n")
         return result
     return extended

@@ -331,6 +331,25 @@ def test_a_required_run_that_is_not_there_is_forgiven_by_no_share(
     assert lines[-1].startswith("not accepted; never flown: 4 of 6")
 
 
+def test_a_run_that_a_sequential_test_does_not_count_is_named(
+    recorded: Path, tmp_path: Path, capsys: Any
+) -> None:
+    folder = tmp_path / "copy"
+    shutil.copytree(recorded, folder)
+    shutil.copytree(folder / "large/sim/1", folder / "large/sim/2")
+    second = folder / "large/sim/2/result.json"
+    write_atomically(second, to_json(replace(read_result(second), rep=2)))
+    document = json.loads((folder / "campaign.json").read_text())
+    (first,) = (run for run in document["runs"] if run["run"] == "large/sim/1")
+    document["runs"].append({**first, "run": "large/sim/2"})
+    (folder / "campaign.json").write_text(json.dumps(document))
+    test = "repetitions={until: decided, at_least: 0.6, against: 0.1, error: 0.2, most: 2}"
+    sets = ("--set", test, "--set", "accept={large: {sim: decided}}")
+    assert main(["judge", str(GATE), str(folder), *GATE_FLOWN, *sets]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert "not counted, flown after the decision: large/sim/2" in lines
+
+
 @pytest.mark.parametrize(
     "ended",
     [

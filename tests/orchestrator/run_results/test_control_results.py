@@ -183,3 +183,25 @@ def test_an_oracle_that_was_not_judged_is_reported_in_table_and_junit() -> None:
     found = summary(run, control())
     assert conclusion_lines(found)[-1].plain.startswith("accepted; not judged: collision_always")
     assert b'name="not_judged" value="collision_always (large sim, 1 run)"' in junit_xml(found, ONE)
+
+
+@pytest.mark.parametrize(
+    ("unchanged", "is_needless"),
+    [
+        ({"verdict": "FAIL", "decided_by": "reached/twin"}, True),
+        ({"verdict": "FAIL", "decided_by": "collision/twin"}, False),
+        ({"verdict": "FAIL", "decided_by": "reached/twin", "seed": 9}, False),
+        ({"verdict": "FAIL", "decided_by": "reached/twin", "mode": "wil"}, False),
+        ({"verdict": "PASS"}, False),
+    ],
+)
+def test_a_control_whose_case_fails_so_without_it_has_a_caveat(
+    unchanged: dict[str, Any], *, is_needless: bool
+) -> None:
+    failed = replace(result(), **unchanged)
+    found = summary(failed, replace(result(), rep=2, seed=failed.seed + 1), control())
+    text = (
+        "control blind sim shows nothing: large FAILED with the same seed, without what the "
+        "control changes"
+    )
+    assert (text in found.caveats) is is_needless

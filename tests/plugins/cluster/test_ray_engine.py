@@ -363,10 +363,10 @@ def test_an_attached_vehicle_is_not_flown_over_a_cluster(
 
 def test_a_node_with_other_plugins_of_others_does_not_fly(monkeypatch: pytest.MonkeyPatch) -> None:
     """An oracle of another version judges otherwise, and no file of the campaign differs."""
-    monkeypatch.setattr(facts, "third_party_plugins", lambda: {"lab": "wil-lab 1.2"})
+    monkeypatch.setattr(facts, "flown_plugins", lambda: {"lab": "wil-lab 1.2"})
     here = node_facts()
     for there, said in ({"lab": "wil-lab 1.1"}, "lab (wil-lab 1.1)"), ({}, "none"):
-        monkeypatch.setattr(facts, "third_party_plugins", partial(dict, there))
+        monkeypatch.setattr(facts, "flown_plugins", partial(dict, there))
         found = unfit_text(here, node_facts())
         assert f"plugins is {said}, here it is lab (wil-lab 1.2)" in found
     assert unfit_text(node_facts(), node_facts()) == ""

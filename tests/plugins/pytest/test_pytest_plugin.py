@@ -239,7 +239,13 @@ def test_some_runs_of_a_campaign_are_a_campaign_that_says_what_is_missing(tmp_pa
     part = campaign_of_runs(campaign, {"good/sim/1", "late/sim/1"})
     assert [plan.name for plan in part.plans] == ["good/sim/1", "late/sim/1"]
     assert part.left_out == ("3 of 5 runs and controls",)
-    assert campaign_of_runs(campaign, [plan.name for plan in campaign.plans]).left_out == ()
+    assert [str(wanted) for wanted in part.requirements] == ["1/1"]
+    assert part.requirements[0].case == "good"
+    whole = campaign_of_runs(campaign, [plan.name for plan in campaign.plans])
+    assert (whole.left_out, whole.requirements) == ((), campaign.requirements)
+    five = wil_campaign.load(write_hover(tmp_path), repetitions=5)
+    (wanted,) = campaign_of_runs(five, {"default/sim/2", "default/sim/4"}).requirements
+    assert str(wanted) == "2/2"
 
 
 def test_the_program_registers_the_plugin() -> None:

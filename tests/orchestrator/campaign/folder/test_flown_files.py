@@ -11,6 +11,7 @@ from wil_campaign.campaigns.expansion.expansion import ExpansionOptions, load_ca
 from wil_campaign.orchestrator.campaign.folder.campaign_folder import OutputError
 from wil_campaign.orchestrator.campaign.folder.flown_files import FlownFiles
 from wil_campaign.orchestrator.campaign.folder.manifest import file_digest, maybe_written_files
+from wil_campaign.vehicles.embedded import profile
 
 
 def replace_content(path: Path) -> None:
@@ -78,6 +79,19 @@ def test_code_that_only_a_run_knows_is_watched_from_then_on(tmp_path: Path) -> N
     (tmp_path / "late.py").unlink()
     with pytest.raises(OutputError, match=r"late\.py is missing since a/sim/1 flew with it"):
         files.require_code_on_disk("a/sim/1", code)
+
+
+def test_a_profile_of_the_program_is_watched_too(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A checkout may be edited, or another commit of it checked out, while a campaign flies."""
+    monkeypatch.setattr(profile, "_FOLDER", tmp_path)
+    (tmp_path / "cage.yaml").write_text("base: nominal")
+    files = FlownFiles.of(tmp_path / "campaign.yaml", {}, read=[], skipped=[])
+    files.require_unchanged()
+    (tmp_path / "cage.yaml").write_text("base: px4-sih")
+    with pytest.raises(OutputError, match=r"cage\.yaml changed while the campaign flew"):
+        files.require_unchanged()
 
 
 def test_a_symlink_that_points_elsewhere_is_a_change(tmp_path: Path) -> None:

@@ -33,6 +33,11 @@ STUDY = {"campaigns": {"gate": "gate.yaml"}}
                 "oracles.landed was {}, now it is null",
             ],
         ),
+        (
+            {"document": {"repetitions": 5}},
+            {"document": {"repetitions": {"until": "decided"}}},
+            ['repetitions was 5, now it is {"until": "decided"}'],
+        ),
         ({}, {"files": {"gate.yaml": "z", "profiles/own.yaml": "b"}}, []),
         ({}, {"files": {"profiles/own.yaml": "z"}}, ["profiles/own.yaml changed"]),
         ({}, {"files": {"new.yaml": "z"}}, []),

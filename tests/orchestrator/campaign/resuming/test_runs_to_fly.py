@@ -3,6 +3,7 @@
 import json
 import multiprocessing
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -49,6 +50,7 @@ from wil_campaign.orchestrator.cli import main
 from wil_campaign.orchestrator.cli.progress_display import SilentDisplay
 from wil_campaign.orchestrator.operator.run_messages import OperatorInbox, Report
 from wil_campaign.orchestrator.run_results.attempts import after_attempts
+from wil_campaign.orchestrator.run_results.campaign_results import summarize
 from wil_campaign.orchestrator.run_results.run_result import (
     EarlierAttempt,
     LaterEvent,
@@ -179,6 +181,46 @@ def test_half_a_run_is_set_aside_and_reported(
     assert (tmp_path / attempt.folder / "log.jsonl").exists()
     again, _ = resume(tmp_path, loaded)
     assert [one.folder for one in again.attempts[plan.name]] == [attempt.folder]
+
+
+@pytest.mark.usefixtures("quick")
+@pytest.mark.parametrize("is_replaced", [True, False])
+def test_a_fail_that_was_replaced_or_removed_is_not_resumed(
+    campaign: Path, is_replaced: bool, capsys: pytest.CaptureFixture[str]
+) -> None:
+    campaign.write_text(
+        campaign.read_text().replace("campaign: hover", "campaign: hover\ndescription: FAIL")
+    )
+    assert run(campaign) == 1
+    folder = folder_of(campaign)
+    plan = load_campaign(campaign).runs[0]
+    shutil.rmtree(folder / plan.name)
+    if is_replaced:  # as of another campaign of the same seed
+        write_result(folder, plan, "PASS")
+    assert run(campaign, "--resume") == 2
+    told = capsys.readouterr().err
+    assert "default/sim/1/result.json is not the result that summary.json has (FAIL)" in told
+    assert summary_of(folder)["accepted"] is False
+
+
+def test_a_fail_that_was_set_aside_before_its_summary_is_resumed(
+    campaign: Path, tmp_path: Path
+) -> None:
+    loaded = load_campaign(campaign)
+    plan = loaded.runs[0]
+    write_result(tmp_path, plan, "FAIL", "why")
+    summary = summarize(
+        [result_of(plan, "FAIL", "why")],
+        loaded.requirements,
+        campaign="hover",
+        clock="virtual",
+        surrogate=False,
+        real_kind="embedded",
+        sensors={},
+    )
+    (tmp_path / "summary.json").write_text(to_json(summary))
+    set_run_folder_aside(tmp_path, plan.name)
+    assert plan.name in resume(tmp_path, loaded)[0].attempts
 
 
 def test_a_folder_in_which_nothing_was_flown_is_no_attempt(campaign: Path, tmp_path: Path) -> None:

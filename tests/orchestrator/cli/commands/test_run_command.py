@@ -230,6 +230,20 @@ def test_an_output_that_cannot_be_written_is_reported_before_anything_flies(
     assert not list(campaign.parent.glob(".wil-*"))
 
 
+@pytest.mark.parametrize(
+    ("begin", "is_kept"),
+    [("<?xml version='1.0' encoding='utf-8'?>\n<testsuites>", False), ("schema: mine", True)],
+)
+def test_a_refused_campaign_does_not_keep_the_junit_of_an_earlier_one(
+    campaign: Path, begin: str, *, is_kept: bool
+) -> None:
+    junit = campaign.parent / "junit.xml"
+    junit.write_text(begin)
+    options = ["--set", "oracles.nothing={}", "--junit", str(junit)]
+    assert main([*command(campaign)[3:], *options]) == 2
+    assert junit.exists() is is_kept
+
+
 def test_a_campaign_flown_without_arming_is_not_resumed(
     campaign: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
