@@ -124,7 +124,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         with _interruptible():
             return _call_command(tokens)
     except SystemExit as error:
-        return error.code if isinstance(error.code, int) else int(error.code is not None)
+        # The parser's, also for Ctrl-C. Any other, as of a plugin, says nothing of what was flown.
+        code = error.code
+        return code if code in (USAGE_ERROR, INTERRUPTED) else _report_failure(error)
     except KeyboardInterrupt:
         write_stderr("interrupted")
         return INTERRUPTED

@@ -350,6 +350,20 @@ def test_an_error_of_ours_is_shown_when_asked_for(
     assert "Traceback" in outcome.err
 
 
+@pytest.mark.parametrize("code", [None, 0, 1, "done"])
+def test_an_exit_beneath_a_command_is_an_internal_error(
+    cli: Cli, monkeypatch: pytest.MonkeyPatch, code: object
+) -> None:
+    # As of a plugin in flight: it would be the campaign's exit code, and 0 a green one.
+    def leave(_: object) -> None:
+        raise SystemExit(code)
+
+    monkeypatch.setattr("wil_campaign.orchestrator.cli._call_command", leave)
+    got = cli("validate", "x.yaml")
+    assert got.code == 3
+    assert "internal error: SystemExit" in got.err
+
+
 def test_an_interrupt_is_130(cli: Cli, monkeypatch: pytest.MonkeyPatch) -> None:
     def interrupt(*_: object) -> None:
         raise KeyboardInterrupt
