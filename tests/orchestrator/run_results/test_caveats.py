@@ -315,3 +315,26 @@ def test_an_autonomy_slower_than_real_time_qualifies_a_pass() -> None:
     assert not any(
         "slower" in caveat_line for caveat_line in caveat_lines(run(verdict="FAIL", slow=(slow,)))
     )
+
+
+def test_every_caveat_beneath_the_table_is_a_property_of_junit_once() -> None:
+    left = ArmingStep("parameters", "real", 1.0, True, "RTL_ALT 172", restored=False)
+    unseen = replace(mixed(combination()), unseen=("gate",))
+    runs = [
+        run(
+            before_arming=(left,),
+            fence_changes=(CHANGED,),
+            mixing=unseen,
+            slow=(SlowAutonomy("real", 9.0, 6.0),),
+            unmoved=("walker",),
+        )
+    ]
+    said = ", ".join(properties(*runs).values())
+    lines = campaign_caveats(runs)
+    assert len(lines) > 4
+    assert [said.count(line.partition(": ")[2]) for line in lines] == [1] * len(lines)
+
+
+def test_synthesised_readings_are_a_property_of_junit() -> None:
+    made = replace(summary(run()), sensors={"lidar": "synthesised"})
+    assert b"synthesised readings: lidar" in junit_xml(made, ())
