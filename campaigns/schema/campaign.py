@@ -138,11 +138,11 @@ class SyncPart(Part):
     time for a vehicle to report its autopilot. ready_timeout_s: time for a vehicle to become ready
     to arm. takeoff_timeout_s: time from the takeoff command until both vehicles are at their
     altitude. takeoff_tolerance_m: distance from the goal's altitude that counts as reached.
-    goal_timeout_s: how long the autonomy may fly; by default until it is done or an oracle ends
-    the run. landing_timeout_s: time from the command to land until the vehicle has disarmed.
-    max_command_skew_s: largest time between the takeoff commands. max_takeoff_skew_s: largest time
-    between the liftoffs. max_t0_skew_s: largest time between the moments at which both receive the
-    goal.
+    goal_timeout_s: how long the autonomy may fly; by default ten minutes, or longer where an oracle
+    time_limit allows it. landing_timeout_s: time from the command to land until the vehicle has
+    disarmed. max_command_skew_s: largest time between the takeoff commands. max_takeoff_skew_s:
+    largest time between the liftoffs. max_t0_skew_s: largest time between the moments at which both
+    receive the goal.
     """
 
     identify_timeout_s: Seconds = 5.0

@@ -247,6 +247,23 @@ def caveats_in_short(summary: Summary) -> list[str]:
             for result in run.evidence
             if result.caveat
         ),
+        "other senders: ": (
+            item.vehicle for run in runs for item in run.preflight if item.check == "sender"
+        ),
+        "the twin dropped out: ": (
+            f"{run.case} {run.mode}"
+            for run in runs
+            if run.verdict == "PASS" and run.twin is not None and run.twin.dropped_out is not None
+        ),
+        "parameters or fence not restored: ": (
+            step.vehicle for run in runs for step in run.before_arming if step.restored is False
+        ),
+        "mixture not measured: ": (
+            result.name for _, result in _passed_combinations(runs) if result.not_measured
+        ),
+        "registration error not bounded: ": (
+            result.name for _, result in _passed_combinations(runs) if result.not_bounded
+        ),
         "reported only, and failed: ": (name for name, _ in reported),
     }
     texts = ((text, ", ".join(sorted(set(names)))) for text, names in names_by_text.items())

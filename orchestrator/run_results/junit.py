@@ -16,12 +16,14 @@ from wil_campaign.campaigns.values.acceptance import PassRequirement, Requiremen
 from wil_campaign.orchestrator.run_results.attempts import attempt_text
 from wil_campaign.orchestrator.run_results.campaign_results import Summary
 from wil_campaign.orchestrator.run_results.caveats import (
+    campaign_caveats,
     drawn_texts,
     dropped_out_texts,
     fence_texts,
     overridden_texts,
     reported_texts,
     retried_texts,
+    synthesised_texts,
     unjudged_texts,
     unmeasured_texts,
     unshown_texts,
@@ -64,12 +66,16 @@ def junit_xml(
         "fence_changed": fence_texts(summary.runs),
         "reported_failed": reported_texts(summary.runs),
         "not_judged": unjudged_texts(summary.runs),
-        "caveats": summary.caveats,
         "mixture_not_measured": unmeasured_texts(summary.runs),
         "simulator_not_compared": drawn_texts(summary.runs),
         "mixture_without": unshown_texts(summary.runs),
         "twin_dropped_out": dropped_out_texts(summary.runs),
     }
+    named = {text for texts in properties.values() for text in texts}
+    others = (
+        line for line in campaign_caveats(summary.runs) if line.partition(": ")[2] not in named
+    )
+    properties["caveats"] = (*summary.caveats, *synthesised_texts(summary), *others)
     if any(properties.values()):
         parent = ET.SubElement(suite, "properties")
         for name, texts in properties.items():

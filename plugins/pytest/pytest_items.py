@@ -23,6 +23,11 @@ from wil_campaign.campaigns.setup.bench_file import load_benches
 from wil_campaign.foundation.files.documents import BadInput
 from wil_campaign.orchestrator.campaign.flight_options import FlightOptions
 from wil_campaign.orchestrator.campaign.workers.run_engine import LOCAL
+from wil_campaign.orchestrator.run_results.caveats import (
+    campaign_caveats,
+    retried_texts,
+    synthesised_texts,
+)
 from wil_campaign.orchestrator.run_results.control_results import control_faults
 from wil_campaign.orchestrator.run_results.exit_codes import standings_of
 from wil_campaign.orchestrator.run_results.run_result import RunResult
@@ -46,6 +51,7 @@ class CampaignFile(pytest.File):
         self._forgiven: frozenset[str] = frozenset()
         self._refused: CannotFlyError | None = None
         self._endings: list[str] = []
+        self._caveats: tuple[str, ...] = ()
         for plan in self._campaign.plans:
             yield RunItem.from_parent(self, name=plan.name, plan=plan)
 
@@ -103,6 +109,12 @@ class CampaignFile(pytest.File):
         )
         return run(self._campaign, options)
 
+    def caveats(self, result: RunResult) -> Iterator[str]:
+        """Yield what a reader of a run's PASS has to know."""
+        yield from campaign_caveats([result])
+        yield from (f"not at the first attempt: {text}" for text in retried_texts([result]))
+        yield from self._caveats
+
     def teardown(self) -> None:
         """Report what ended the campaign outside of its runs, which no test of a run shows."""
         endings, self._endings = self._endings, []
@@ -119,6 +131,7 @@ class CampaignFile(pytest.File):
             self._flown[f"{result.case}/{result.mode}/{result.rep}"] = result
         self._not_flown |= frozenset(results.summary.not_flown)
         self._forgiven = _accepted_cells(self._campaign, results)
+        self._caveats = (*synthesised_texts(results.summary), *results.summary.caveats)
         self.config.stash.setdefault(REPORTS, []).append(results.folder / "report.html")
 
 
@@ -143,6 +156,7 @@ class RunItem(pytest.Item):
         if result is None:
             pytest.skip("not flown: earlier repetitions have decided")
         self.user_properties += [("seed", result.seed), ("verdict", result.verdict)]
+        self.user_properties += [("caveat", text) for text in self.campaign_file.caveats(result)]
         proves = result.verdict in {"PASS", "FAIL"}
         is_met = result.control is not None and result.control.met
         if result.exceptions or result.verdict == "ABORTED":

@@ -85,7 +85,11 @@ def pytest_collect_file(file_path: Path, parent: pytest.Collector) -> pytest.Col
 def pytest_terminal_summary(
     terminalreporter: pytest.TerminalReporter, config: pytest.Config
 ) -> None:
-    """Print where the reports of the campaigns are."""
+    """Print the caveats of passed runs, and where the reports of the campaigns are."""
+    passed = terminalreporter.getreports("passed")
+    given = (pair for report in passed for pair in report.user_properties)
+    for text in dict.fromkeys(str(value) for name, value in given if name == "caveat"):
+        terminalreporter.write_line(f"wil-campaign caveat: {text}")
     for path in config.stash.get(REPORTS, []):
         terminalreporter.write_line(f"wil-campaign report: {path}")
 

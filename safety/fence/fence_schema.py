@@ -10,6 +10,7 @@ from wil_campaign.foundation.files.documents import KeyFaultError, Part, Path
 from wil_campaign.safety.fence.areas import Area, Circle, FenceError, Polygon
 from wil_campaign.safety.fence.geofence import Fence
 from wil_campaign.safety.fence.geographic import (
+    FARTHEST_M,
     DrawnFence,
     GeoArea,
     GeoCircle,
@@ -19,9 +20,10 @@ from wil_campaign.safety.fence.geographic import (
 from wil_campaign.worlds.geodesy import LocalFrame
 
 T = TypeVar("T")
-Range = tuple[float, float]
-Corner = tuple[float, float]
-Radius = Annotated[float, Field(gt=0)]
+Coordinate = Annotated[float, Field(ge=-FARTHEST_M, le=FARTHEST_M)]
+Range = tuple[Coordinate, Coordinate]
+Corner = tuple[Coordinate, Coordinate]
+Radius = Annotated[float, Field(gt=0, le=FARTHEST_M)]
 
 
 class BoxPart(Part):
@@ -68,8 +70,8 @@ class CirclePart(Part):
     on WGS-84, in place of metres. radius_m: the circle's radius.
     """
 
-    north_m: float | None = None
-    east_m: float | None = None
+    north_m: Coordinate | None = None
+    east_m: Coordinate | None = None
     latitude_deg: float | None = None
     longitude_deg: float | None = None
     radius_m: Radius

@@ -48,6 +48,9 @@ class GeoCircle:
     def __post_init__(self) -> None:
         require_place(*self.centre_deg)
         Circle(self.centre_deg, self.radius_m)
+        if self.radius_m > FARTHEST_M:
+            message = f"a circle of {self.radius_m / 1000:.0f} km: at most 100 km are accepted"
+            raise FenceError("far", message)
 
     def local(self, frame: LocalFrame) -> Circle:
         """Return the geographic circle in a world's frame. Raises FenceError when far away."""

@@ -193,7 +193,7 @@ def _case_row(
         required=required,
         verdict=verdict,
         clearance_m=number_text(min(clearances, default=None), "m", 2).removesuffix(" m"),
-        skew_ms=number_text(max((1000.0 * skew for skew in skews), default=None), digits=0),
+        skew_ms=f"{1000.0 * max(skews):.0f}" if skews else NOTHING,
         registration_px=f"{max(errors):.1f}" if errors else NOTHING,
         badge=badge,
         is_control=is_control,
@@ -270,7 +270,7 @@ def _mixture_texts(runs: Iterable[RunResult]) -> Iterator[str]:
     text = f"{frames} mixtures in {run_count_text(len(mixed))}, {dropped} with something left out"
     if errors:
         worst = number_text(max(0.1, *errors), "px", 1)
-        text += f"; registration error below {worst} in 99 % of each measured"
+        text += f"; registration error below {worst} in 99 % of those measured"
     if unmeasured := len(mixed) - len(errors):
         text += f"; registration error not measured in {run_count_text(unmeasured)}"
     yield text

@@ -140,7 +140,7 @@ class FenceChanges:
             await self._upload(fences)
         except BadInput as error:
             why = "; ".join(problem.headline for problem in error.problems)
-            return False, f"geofence: {why}; {_OLD_APPLIES}"
+            return False, f"{why}; {_OLD_APPLIES}"
         except VehicleError as error:
             left = await self._restore_old()
             return False, f"geofence: {error}; {left or _OLD_APPLIES}"

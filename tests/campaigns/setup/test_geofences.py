@@ -152,6 +152,16 @@ WRONG = [
     ("{include: [{polygon: @[[0, 0], [1, 1], [2, 2]]}], up_m: [0, 2]}", "has no area"),
     ("{include: [@{}], up_m: [0, 2]}", "give one of polygon, polygon_deg and circle"),
     ("{include: [{circle: {north_m: 0, east_m: 0, radius_m: @0}}], up_m: [0, 2]}", "greater than"),
+    ("box: {north_m: [-1, @2e5], east_m: [-2, 2], up_m: [0, 2]}", "must be at most 100000, is 2"),
+    ("{include: [{polygon: [[0, 0], [0, 9], [@-1e6, 0]]}], up_m: [0, 2]}", "at least -100000"),
+    (
+        "{include: [{circle: {north_m: 0, east_m: @2e5, radius_m: 9}}], up_m: [0, 2]}",
+        "at most 1000",
+    ),
+    (
+        "{include: [{circle: {north_m: 0, east_m: 0, radius_m: @2e5}}], up_m: [0, 2]}",
+        "at most 1000",
+    ),
     (
         "{include: [{polygon_deg: [[47.4, 8.5], @[98.5, 8.6], [47.5, 8.6]]}], up_m: [0, 2]}",
         "latitude 98.5 is beyond 90 degrees; are latitude and longitude swapped?",
@@ -305,6 +315,7 @@ def test_a_waypoint_list_without_home_loses_nothing() -> None:
             "3:1: a polygon of 3 corners begins here, and 1",
         ),
         (waypoints((5003, -1, earth(0, 0))), "3:1: a circle needs a positive radius, has -1"),
+        (waypoints((5003, 2e5, earth(0, 0))), "3:1: a circle of 200 km: at most 100 km are"),
         (waypoints((5001, math.nan, earth(0, 0))), "3:1: a row of a waypoint list has 12 numbers"),
         ("QGC WPL 110\n0\n1 0 3 1e999 0 0 0 0 0 0 0 1", "2:1: a row of a waypoint list has 12"),
         (waypoints((5003, 5, (98.0, 8.5))), "3:1: latitude 98 is beyond 90 degrees"),

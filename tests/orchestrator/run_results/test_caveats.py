@@ -315,3 +315,51 @@ def test_an_autonomy_slower_than_real_time_qualifies_a_pass() -> None:
     assert not any(
         "slower" in caveat_line for caveat_line in caveat_lines(run(verdict="FAIL", slow=(slow,)))
     )
+
+
+def test_every_caveat_beneath_the_table_is_a_property_of_junit_once() -> None:
+    left = ArmingStep("parameters", "real", 1.0, True, "RTL_ALT 172", restored=False)
+    unseen = replace(mixed(combination()), unseen=("gate",))
+    runs = [
+        run(
+            before_arming=(left,),
+            fence_changes=(CHANGED,),
+            mixing=unseen,
+            slow=(SlowAutonomy("real", 9.0, 6.0),),
+            unmoved=("walker",),
+        )
+    ]
+    said = ", ".join(properties(*runs).values())
+    lines = campaign_caveats(runs)
+    assert len(lines) > 4
+    assert [said.count(line.partition(": ")[2]) for line in lines] == [1] * len(lines)
+
+
+def test_synthesised_readings_are_a_property_of_junit() -> None:
+    made = replace(summary(run()), sensors={"lidar": "synthesised"})
+    assert b"synthesised readings: lidar" in junit_xml(made, ())
+
+
+@pytest.mark.parametrize(
+    ("flown", "last"),
+    [
+        (
+            {"before_arming": (ArmingStep("fence", "real", 1.0, True, "", restored=False),)},
+            "parameters or fence not restored: real",
+        ),
+        (
+            {"mixing": mixed(combination(not_measured="no reference pose of the exposure"))},
+            "mixture not measured: camera",
+        ),
+        (
+            {"mixing": mixed(combination(not_bounded="no covariance"))},
+            "registration error not bounded: camera",
+        ),
+        (
+            {"twin": TwinResult("follow", 0.1, 0.2, 0.3, 1.0, DropOut(17.5, "nothing received"))},
+            "the twin dropped out: large wil",
+        ),
+    ],
+)
+def test_a_caveat_of_a_passed_run_stands_in_the_last_line(flown: dict[str, Any], last: str) -> None:
+    assert caveat_lines(run(**flown))[-1] == f"accepted; {last}"

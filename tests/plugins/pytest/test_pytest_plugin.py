@@ -35,7 +35,9 @@ def write_cases(folder: Path) -> Path:
     path = write_hover(folder)
     text = path.read_text().replace("repetitions: 2", "repetitions: 1")
     text = text.replace("still.py:Still", "{use: still.py:Still}")
-    path.write_text(text.replace("{landed: {}}", "{landed: {}, time_limit: {limit_s: 2}}") + CASES)
+    low = "low: {use: altitude, max_m: 0.1, required: false}"
+    oracles = f"{{landed: {{}}, time_limit: {{limit_s: 2}}, {low}}}"
+    path.write_text(text.replace("{landed: {}}", oracles) + CASES)
     return path
 
 
@@ -84,6 +86,10 @@ def test_a_failed_test_says_why_without_a_traceback(session: Session) -> None:
     assert f"wil-campaign report: out/hover/{session.results.folder.name}/report.html" in (
         session.text
     )
+
+
+def test_a_caveat_of_a_passed_run_is_named_at_the_end(session: Session) -> None:
+    assert "wil-campaign caveat: reported only, and failed: low (good sim, 1 run)" in session.text
 
 
 def test_the_session_flew_each_run_once_and_its_results_are_typed(session: Session) -> None:

@@ -247,9 +247,9 @@ def test_a_registration_that_was_not_measured_is_reported() -> None:
         next(overview._mixture_texts(runs))
         for runs in ([run(0.7)], [run(0.7), run(None)], [run(None)], [run(9.93e-05)])
     )
-    assert tiny.endswith("registration error below 0.1 px in 99 % of each measured")
-    assert measured.endswith("registration error below 0.7 px in 99 % of each measured")
-    assert half.endswith("of each measured; registration error not measured in 1 run")
+    assert tiny.endswith("registration error below 0.1 px in 99 % of those measured")
+    assert measured.endswith("registration error below 0.7 px in 99 % of those measured")
+    assert half.endswith("of those measured; registration error not measured in 1 run")
     assert none.endswith("left out; registration error not measured in 1 run")
 
 
@@ -260,3 +260,10 @@ def test_a_registration_is_rounded_as_on_the_terminal(error_px: float | None, te
     documents: Any = None
     row = overview._case_row(documents, "a", "wil", False, [run])
     assert row.registration_px == text.replace("-", NOTHING)
+
+
+def test_a_skew_below_a_millisecond_is_rounded_as_on_the_terminal() -> None:
+    run = judged(CLEAR)
+    run = replace(run, required=False, sync=replace(run.sync, takeoff_skew_s=-0.000213))
+    documents: Any = None
+    assert overview._case_row(documents, "a", "wil", False, [run]).skew_ms == "0"

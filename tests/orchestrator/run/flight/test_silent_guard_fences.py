@@ -72,8 +72,8 @@ class Rig:
     def tell(self, kind: EventKind, text: str) -> None:
         self.changes.receive(GuardEvent(asyncio.get_running_loop().time(), kind, "", text))
 
-    def ask(self) -> None:
-        self.changes.ask(OperatorCommand("geofence", "anna", document=TIGHTER, command_id="a1"))
+    def ask(self, document: str = TIGHTER) -> None:
+        self.changes.ask(OperatorCommand("geofence", "anna", document=document, command_id="a1"))
 
 
 def run(script: Callable[[Rig], Any]) -> Rig:
@@ -129,6 +129,13 @@ def test_a_fence_that_the_guard_never_took_is_put_back(
     assert not ok
     assert last.endswith(text + said)
     assert (rig.aboard.has, rig.aboard.unsettled, rig.shown) == ("old", (), [])
+
+
+def test_a_fence_that_cannot_be_read_says_geofence_once() -> None:
+    async def script(rig: Rig) -> None:
+        rig.ask("")
+
+    assert run(script).answers == [(False, "geofence: is empty; the old fence applies")]
 
 
 def test_no_further_fence_is_taken_while_the_last_answer_is_missing() -> None:
