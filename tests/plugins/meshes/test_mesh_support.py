@@ -191,6 +191,17 @@ def test_nodes_have_their_places_and_a_mirrored_one_keeps_its_outside(tmp_path: 
     assert found == [turned, mirrored]
 
 
+@pytest.mark.parametrize("last", [(0, 0, 0, 2), (5, 0, 0, 1)])
+def test_a_matrix_whose_rows_and_columns_are_confused_is_refused(
+    tmp_path: Path, last: tuple[int, ...]
+) -> None:
+    matrix = np.eye(4)
+    matrix[3] = last
+    nodes = [{"name": "arm", "mesh": 0, "matrix": matrix.T.reshape(-1).tolist()}]
+    with pytest.raises(MeshFileError, match="node 'arm' has a matrix whose last row is not 0 0 0"):
+        load_mesh_shape(written(tmp_path, gltf(nodes=nodes)))
+
+
 @pytest.mark.parametrize(
     ("changes", "said"),
     [
