@@ -239,6 +239,8 @@ def _matrix(node: Mapping[str, Any]) -> FloatArray:
         return np.array(node["matrix"], np.float64).reshape(4, 4).T
     x, y, z, w = np.array(node.get("rotation", _NO_ROTATION), np.float64)
     length = x * x + y * y + z * z + w * w
+    if length <= 0.0:
+        raise UnsupportedMeshError("a node has a rotation of 0 0 0 0: it is damaged")
     turn = np.eye(3) + 2.0 / length * np.array(
         [
             [-y * y - z * z, x * y - z * w, x * z + y * w],

@@ -93,6 +93,7 @@ def written(folder: Path, text: str) -> Path:
             {**node(), "meshes": [{"weights": [1], "primitives": [{**PART, "targets": TARGET}]}]},
             "node 'arm' has morph targets with weights",
         ),
+        (node(rotation=[0, 0, 0, 0]), "a node has a rotation of 0 0 0 0"),
         ({"scenes": []}, "it has no scene"),
         (
             {"extensionsUsed": ["CESIUM_RTC"], "extensions": {"CESIUM_RTC": {"center": [9, 0, 0]}}},
@@ -101,7 +102,8 @@ def written(folder: Path, text: str) -> Path:
     ],
     ids=[
         *("draco", "meshopt", "no buffer", "meshopt not required", "instances", "hidden"),
-        *("node extension", "mesh extension", "skin", "weights", "default weights", "no scene"),
+        *("node extension", "mesh extension", "skin", "weights", "default weights"),
+        *("no rotation", "no scene"),
         "moved",
     ],
 )
