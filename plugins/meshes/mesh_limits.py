@@ -143,7 +143,7 @@ def _check_graph(graph: Graph, roots: Iterable[str]) -> None:
         own, beneath = graph.get(name, (0, ()))
         nodes, faces = nodes + 1, faces + own
         if faces > MAX_MESH_FACES:
-            raise MeshLimitError(f"it has more than {MAX_MESH_FACES} faces")
+            raise MeshLimitError(f"it has more than {MAX_MESH_FACES} faces; reduce it to fewer")
         if nodes > MAX_MESH_NODES or len(waiting) + len(beneath) > MAX_MESH_NODES:
             raise MeshLimitError(f"it has more than {MAX_MESH_NODES} nodes with their instances")
         if depth > MAX_MESH_DEPTH:

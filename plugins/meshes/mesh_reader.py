@@ -241,7 +241,7 @@ def _read(path: Path) -> tuple[MeshAsset, list[FilePart]]:
         why = mesh_file_damage(path) or "it is damaged, or its format does not match its suffix"
         raise MeshFileError(f"cannot be read as a mesh: {why}") from error
     if sum(len(part.faces) for part in parts) > MAX_FACES:
-        raise MeshFileError(f"it has more than {MAX_FACES} faces")
+        raise MeshFileError(f"it has more than {MAX_FACES} faces; reduce it to fewer")
     parts = [part for part in parts if len(part.faces)]
     for part in parts:
         _check_part(part)

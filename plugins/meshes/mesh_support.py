@@ -6,6 +6,10 @@ Paragraphs are those of the glTF 2.0 specification.
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
+
+from wil_campaign.worlds.scene.meshes import FloatArray
+
 SURFACE_MODES = frozenset({4, 5, 6})
 """Triangles, strips and fans of them (3.7.2.1); others are points and lines."""
 _REQUIRED = frozenset(
@@ -55,8 +59,24 @@ _HARMLESS_IN_FILE = _HARMLESS | {
 _HARMLESS_LOOKS = ("KHR_materials_", "EXT_materials_", "ADOBE_materials_", "MSFT_packing_")
 
 
+_LAST_ROW = 1e-6
+"""What exporters of single precision leave in the last row of a matrix."""
+
+
 class UnsupportedMeshError(Exception):
     """A mesh file that would be read otherwise than it is meant; says how to export it."""
+
+
+def check_place(matrix: FloatArray, name: str) -> None:
+    """Raise UnsupportedMeshError for a matrix (4, 4) of a node that is no place.
+
+    Where rows and columns were confused, the way that it moves stands in its last row.
+    """
+    if not np.allclose(matrix[3], (0.0, 0.0, 0.0, 1.0), rtol=0.0, atol=_LAST_ROW):
+        raise UnsupportedMeshError(
+            f"{name} has a matrix whose last row is not 0 0 0 1: rows and columns may be "
+            "confused; export it anew"
+        )
 
 
 def gltf_name(kind: str, index: int, thing: Mapping[str, Any]) -> str:

@@ -381,8 +381,15 @@ class _Collection(_Foreign):
     features: list[_Feature]
 
 
+_WGS_84 = re.compile(r"(?:CRS84h?|EPSG:(?:.*:)?(?:4326|4979))$", re.IGNORECASE)
+"""Names of the system that GeoJSON has; files of before RFC 7946 may name another."""
+
+
 def _read_geojson(document: Document) -> DrawnFence:
     drawing = _Drawing(document)
+    system = str(document.get(("crs", "properties", "name")))
+    if document.get(("crs",)) is not None and not _WGS_84.search(system):
+        drawing.note(("crs",), "its coordinates are of another system; export it in EPSG:4326")
     bare = _BARE.get(str(document.get(("type",))))
     if bare is not None:
         geometry = check_document(document, bare)

@@ -1,6 +1,8 @@
 """Meshes from files: their formats are of plugins, by the suffix of a file's name."""
 
+from contextlib import suppress
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Literal
 
@@ -13,6 +15,9 @@ from wil_campaign.worlds.scene.shapes import Shape
 
 Unit = Literal["m", "cm", "mm", "in", "ft"]
 Axis = Literal["x", "y", "z", "-x", "-y", "-z"]
+_KEPT_SHAPES = 8
+_Stamp = tuple[int, int, int]
+"""Of a file: inode, bytes, and when it was written, nanoseconds."""
 
 
 class MeshFileError(Exception):
@@ -52,6 +57,8 @@ def load_mesh_shape(
     unit, axes: None for what the file states, else for metres and for its format's custom.
     draws_transparent: transparent surfaces are drawn as opaque, else refused. Raises MeshFileError
     with the reason when the file is missing, of no known format, or cannot be used as a mesh.
+    A file that has not changed since is not read again: each case of a campaign has a world, and
+    all of them share one shape.
     """
     form = _format(path)
     if form is None:
@@ -60,10 +67,42 @@ def load_mesh_shape(
             raise MeshFileError(missing[path.suffix.lower()])
         known = ", ".join([*plugin_additions(mesh_formats), *missing])
         raise MeshFileError(f"'{path.suffix}' is not one of {known}")
-    shape: Shape = load_plugin_object(form.load)(
+    stamps = tuple(map(_stamp, [path, *files_named_by_mesh(path)]))
+    return _loaded(
+        form.load,
+        path,
+        stamps=stamps,
+        unit=unit,
+        scale=scale,
+        axes=axes,
+        draws_transparent=draws_transparent,
+    )
+
+
+@lru_cache(maxsize=_KEPT_SHAPES)
+def _loaded(
+    load: str,
+    path: Path,
+    *,
+    stamps: tuple[_Stamp | None, ...],  # noqa: ARG001 - a changed file is another key
+    unit: Unit | None,
+    scale: float,
+    axes: MeshAxes | None,
+    draws_transparent: bool,
+) -> Shape:
+    """Return the shape in a mesh file of these stamps, read once."""
+    shape: Shape = load_plugin_object(load)(
         path, unit=unit, scale=scale, axes=axes, draws_transparent=draws_transparent
     )
     return shape
+
+
+def _stamp(path: Path) -> _Stamp | None:
+    """Return what changes when a file of a mesh does; None for one that is not there."""
+    with suppress(OSError):
+        state = path.stat()
+        return state.st_ino, state.st_size, state.st_mtime_ns
+    return None
 
 
 def files_named_by_mesh(path: Path) -> list[Path]:

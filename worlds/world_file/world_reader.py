@@ -33,6 +33,8 @@ from wil_campaign.worlds.world_file.world_schema import (
 )
 
 _IN_FLOOR_TOLERANCE_M = 1e-3
+_OUT_OF_SIGHT_M = 100_000.0
+"""Of a mesh's nearest point from its origin: coordinates of a map, or a wrong unit."""
 _EVERYWHERE = ExistsModel(sim="both", wil="both", real="both")
 _Path = tuple[str | int, ...]
 
@@ -130,6 +132,10 @@ class WorldReader:
             self._note(at, f"mesh file '{model.file}': {error}", self._similar_file(model.file))
             self._unreadable.add(str(at[1]))
             return shapes.box_shape((1.0, 1.0, 1.0))
+        if (away_m := _away_m(shape)) > _OUT_OF_SIGHT_M:
+            message = f"it begins {away_m / 1000.0:.4g} km from its own origin, out of sight"
+            remedy = "export it about its own origin, or give its 'unit'"
+            self._note(at, f"mesh file '{model.file}': {message}; {remedy}")
         return shape if model.opening is None else self._opened(at, shape, model.opening)
 
     def _opened(self, at: _Path, shape: Shape, model: OpeningModel) -> Shape:
@@ -219,6 +225,12 @@ def _floor_down_m(placed: tuple[PlacedObject, ...], ground_down_m: float | None)
     if ground_down_m is not None:
         floors.append(ground_down_m)
     return max(floors, default=0.0)
+
+
+def _away_m(shape: Shape) -> float:
+    """Return how far the box about a shape is from the origin of its object, 0 where it is in."""
+    low, high = shape.mesh.vertices_m.min(axis=0), shape.mesh.vertices_m.max(axis=0)
+    return float(np.linalg.norm(np.clip(0.0, low, high)))
 
 
 def _down_extent(shape: Shape, pose: Pose) -> tuple[float, float]:

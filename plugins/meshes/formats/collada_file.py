@@ -21,7 +21,7 @@ from wil_campaign.plugins.meshes.mesh_polygons import (
     numbers_in_text,
     polygon_fans,
 )
-from wil_campaign.plugins.meshes.mesh_support import UnsupportedMeshError
+from wil_campaign.plugins.meshes.mesh_support import UnsupportedMeshError, check_place
 from wil_campaign.worlds.scene.meshes import FloatArray
 
 _SURFACES = frozenset({"triangles", "polylist", "polygons", "tristrips", "trifans"})
@@ -217,6 +217,7 @@ def _matrix(node: ET.Element) -> FloatArray:
                     f"{_node_name(node)} has a {kind} of {len(values)} numbers: it is damaged"
                 )
             matrix = matrix @ _place(kind, values)
+    check_place(matrix, _node_name(node))
     return matrix
 
 

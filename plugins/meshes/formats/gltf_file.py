@@ -23,6 +23,7 @@ from wil_campaign.plugins.meshes.mesh_support import (
     SURFACE_MODES,
     UnsupportedMeshError,
     check_gltf_node,
+    check_place,
     gltf_name,
 )
 from wil_campaign.worlds.scene.meshes import FloatArray
@@ -225,7 +226,9 @@ def placed_gltf_nodes(document: Mapping[str, Any]) -> Iterator[tuple[int, FloatA
     waiting = [(root, np.eye(4)) for root in reversed(gltf_scene_roots(document))]
     while waiting:
         index, above = waiting.pop()
-        here = above @ _matrix(nodes[index])
+        place = _matrix(nodes[index])
+        check_place(place, gltf_name("node", index, nodes[index]))
+        here = above @ place
         yield index, here
         waiting += [(int(one), here) for one in reversed(nodes[index].get("children", ()))]
 
@@ -236,6 +239,8 @@ def _matrix(node: Mapping[str, Any]) -> FloatArray:
         return np.array(node["matrix"], np.float64).reshape(4, 4).T
     x, y, z, w = np.array(node.get("rotation", _NO_ROTATION), np.float64)
     length = x * x + y * y + z * z + w * w
+    if length <= 0.0:
+        raise UnsupportedMeshError("a node has a rotation of 0 0 0 0: it is damaged")
     turn = np.eye(3) + 2.0 / length * np.array(
         [
             [-y * y - z * z, x * y - z * w, x * z + y * w],

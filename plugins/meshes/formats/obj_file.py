@@ -185,7 +185,7 @@ def _faces_by_material(text: bytes) -> dict[str, list[bytes]]:
         if lines:
             found.setdefault(name, []).extend(lines)
     if sum(map(len, found.values())) > MAX_MESH_FACES:
-        raise UnsupportedMeshError(f"it has more than {MAX_MESH_FACES} faces")
+        raise UnsupportedMeshError(f"it has more than {MAX_MESH_FACES} faces; reduce it to fewer")
     return found
 
 

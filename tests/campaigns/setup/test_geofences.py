@@ -387,6 +387,28 @@ def test_a_feature_that_says_both_is_refused() -> None:
         local_of(geojson(feature("Polygon", [lon_lat(CORNERS)]), both))
 
 
+@pytest.mark.parametrize(
+    ("system", "is_read"),
+    [
+        ("urn:ogc:def:crs:OGC:1.3:CRS84", True),
+        ("urn:ogc:def:crs:EPSG::4326", True),
+        ("EPSG:4326", True),
+        ("EPSG:4314", False),
+        ("urn:ogc:def:crs:EPSG:6.9:4258", False),
+        ("EPSG:14326", False),
+    ],
+)
+def test_coordinates_of_another_system_are_refused(system: str, is_read: bool) -> None:
+    """Those of Germany's old system are 100 m off, and were read as WGS 84."""
+    crs = {"crs": {"type": "name", "properties": {"name": system}}}
+    text = json.dumps({**json.loads(GEOJSON), **crs})
+    if is_read:
+        assert local_of(text).margin_m((2.5, 1.25, -1.0)) == pytest.approx(-0.25, abs=1e-6)
+        return
+    with pytest.raises(BadInput, match="another system; export it in EPSG:4326"):
+        local_of(text)
+
+
 def test_a_fence_that_excludes_home_or_is_too_near_to_it(files: Any) -> None:
     files.change("up_m: [-0.5, 2.3]", "up_m: [0.1, 2.3]")
     said = "starts 0.10 m outside of the geofence's floor"

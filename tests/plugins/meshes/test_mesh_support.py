@@ -93,6 +93,7 @@ def written(folder: Path, text: str) -> Path:
             {**node(), "meshes": [{"weights": [1], "primitives": [{**PART, "targets": TARGET}]}]},
             "node 'arm' has morph targets with weights",
         ),
+        (node(rotation=[0, 0, 0, 0]), "a node has a rotation of 0 0 0 0"),
         ({"scenes": []}, "it has no scene"),
         (
             {"extensionsUsed": ["CESIUM_RTC"], "extensions": {"CESIUM_RTC": {"center": [9, 0, 0]}}},
@@ -101,7 +102,8 @@ def written(folder: Path, text: str) -> Path:
     ],
     ids=[
         *("draco", "meshopt", "no buffer", "meshopt not required", "instances", "hidden"),
-        *("node extension", "mesh extension", "skin", "weights", "default weights", "no scene"),
+        *("node extension", "mesh extension", "skin", "weights", "default weights"),
+        *("no rotation", "no scene"),
         "moved",
     ],
 )
@@ -189,6 +191,17 @@ def test_nodes_have_their_places_and_a_mirrored_one_keeps_its_outside(tmp_path: 
     turned = [(9, 0, 0), (10, 0, 0), (10, 2, 0)]
     mirrored = [(9, 0, 5), (10, 0, 5), (10, 1, 5)]
     assert found == [turned, mirrored]
+
+
+@pytest.mark.parametrize("last", [(0, 0, 0, 2), (5, 0, 0, 1)])
+def test_a_matrix_whose_rows_and_columns_are_confused_is_refused(
+    tmp_path: Path, last: tuple[int, ...]
+) -> None:
+    matrix = np.eye(4)
+    matrix[3] = last
+    nodes = [{"name": "arm", "mesh": 0, "matrix": matrix.T.reshape(-1).tolist()}]
+    with pytest.raises(MeshFileError, match="node 'arm' has a matrix whose last row is not 0 0 0"):
+        load_mesh_shape(written(tmp_path, gltf(nodes=nodes)))
 
 
 @pytest.mark.parametrize(

@@ -238,6 +238,36 @@ def test_a_mesh_file_in_its_unit_and_axes(tmp_path: Path) -> None:
     assert (np.einsum("ij,ij->i", normals, corners.mean(axis=1) - center) > 0).all()
 
 
+def test_a_mesh_file_is_read_once_until_it_changes(tmp_path: Path) -> None:
+    text = "  m: {shape: {mesh: {file: t.obj}}}\n"
+    (tmp_path / "t.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 2 0\nf 1 2 3\n")
+    first, again = (world(text, tmp_path).scene("real", "W")["m"].shape for _ in range(2))
+    assert again is first
+    (tmp_path / "t.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 22 0\nf 1 2 3\n")
+    changed = world(text, tmp_path).scene("real", "W")["m"].shape
+    assert np.ptp(changed.mesh.vertices_m, axis=0).tolist() == [1.0, 22.0, 0.0]
+
+
+def test_a_mesh_is_read_anew_when_a_file_that_it_names_changes(tmp_path: Path) -> None:
+    text = "mtllib t.mtl\nusemtl a\nv 0 0 0\nv 1 0 0\nv 0 2 0\nf 1 2 3\n"
+    (tmp_path / "t.obj").write_text(text)
+    reds = []
+    for red in ("1", "0.5"):
+        (tmp_path / "t.mtl").write_text(f"newmtl a\nKd {red} 0 0\n")
+        scene = world("  m: {shape: {mesh: {file: t.obj}}}\n", tmp_path).scene("real", "W")
+        reds.append(scene["m"].shape.mesh.materials[0].rgb[0])
+    assert reds[0] > reds[1] > 0
+
+
+def test_a_mesh_in_the_coordinates_of_a_map_is_a_fault(tmp_path: Path) -> None:
+    corners = ((500_000, 5_250_000), (500_001, 5_250_000), (500_000, 5_250_002))
+    (tmp_path / "t.obj").write_text("".join(f"v {x} {y} 0\n" for x, y in corners) + "f 1 2 3\n")
+    (problem,) = faults("  m: {shape: {mesh: {file: t.obj}}}\n", tmp_path)
+    assert "5274 km from its own origin" in problem.message
+    assert "'unit'" in problem.message
+    world("  m: {shape: {mesh: {file: t.obj, unit: mm}}}\n", tmp_path)
+
+
 @pytest.mark.parametrize("suffix", ["obj", "stl", "glb", "dae"])
 @pytest.mark.parametrize("content", [b"", b"\x00\x01garbage\xff", b"solid x\nfacet\nend", b"{}"])
 def test_a_mesh_that_cannot_be_read_is_a_fault(tmp_path: Path, suffix: str, content: bytes) -> None:

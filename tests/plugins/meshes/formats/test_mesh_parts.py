@@ -114,6 +114,11 @@ SYMBOL = GEOMETRY.replace("<triangles", "<triangles material='M'")
             {},
             "node 'n' has its own axis",
         ),
+        (
+            HERE.replace("<inst", "<matrix>1 0 0 0 0 1 0 0 0 0 1 0 5 0 0 1</matrix><inst"),
+            {},
+            "node 'arm' has a matrix whose last row is not 0 0 0 1",
+        ),
         (HERE, {"scene": ""}, "it has no scene"),
         (HERE, {"scene": SCENE.replace("#s", "#t")}, "its scene 't' does not exist"),
     ],
