@@ -425,6 +425,13 @@ BLUE_GATE = VIRTUAL_GATE.replace("orange", '"#2030c0"')
             "overlay: [real, twin]",
             "the merge takes nothing of the twin's image",
         ),
+        (VIRTUAL_GATE, "isolate_objects: [gate]", "overlay: {soft_edge_px: 50}", ""),
+        (
+            VIRTUAL_GATE,
+            "isolate_objects: [gate]",
+            "replace: {region: {left: 0.48, top: 0.48, right: 0.52, bottom: 0.52}}",
+            "",
+        ),
         (VIRTUAL_GATE, "subtract_background: {}", "overlay: {}", ""),
         (VIRTUAL_GATE.replace("wil: Wv", "wil: both"), "isolate_color: blue", "overlay: {}", ""),
     ],
