@@ -19,8 +19,8 @@ BODY = "drone"
 class VehicleMocap:
     """Sends the captured poses of an embedded vehicle to a UDP address, one message a frame.
 
-    With the rate, noise and latency of the vehicle's profile, as the body `drone`, in NED; of
-    `pose_source`'s faults. Without velocities, as motion capture measures none.
+    With the rate, noise and latency of the vehicle's profile and the faults of `pose_source`, as
+    the body `drone`, in NED. Without velocities, as motion capture measures none.
     """
 
     def __init__(self, address: LinkAddress) -> None:
