@@ -32,7 +32,7 @@ _FAR_M = 1000.0
 _SIZELESS = frozenset(
     {"resize", "register", "isolate_color", "isolate_objects", "isolate_depth", "overlay"}
 )
-"""Steps to which the size of an image of one colour is nothing; a small one is tried sooner."""
+"""Steps that do the same to an image of one colour whatever its size: a small one is tried."""
 _SMALL = Intrinsics.from_fov(8, 8, math.radians(60.0))
 
 
@@ -122,11 +122,8 @@ def _pair(
     bgr = tuple(max(1, round(light * part)) for part in reversed(rgb))
 
     steps = (*combination.steps, combination.merge)
-    is_small = (
-        all(step.kind.name in _SIZELESS for step in steps)
-        and not getattr(combination.merge.parameters, "soft_edge_px", 0.0)
-        and cameras["real"].intrinsics == cameras["twin"].intrinsics
-    )
+    is_sizeless = all(step.kind.name in _SIZELESS for step in steps)
+    is_small = is_sizeless and cameras["real"].intrinsics == cameras["twin"].intrinsics
 
     def image(side: Side, color: tuple[int, ...], far_m: float, object_id: int) -> CameraReading:
         lens = _SMALL if is_small else cameras[side].intrinsics

@@ -13,6 +13,7 @@ from wil_campaign.worlds.jit import python_function
 
 FULL_CIRCLE_DEG = (0.0, 360.0)
 _FEW_PX = 64
+"""Up to so many pixels are marked in Python, so that Numba need not be imported."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -58,8 +58,11 @@ def make_campaign_folder(parent: Path) -> Path:
 def remove_earlier_junit(path: Path) -> None:
     """Remove the junit.xml of an earlier campaign: one that is refused must not seem to be it."""
     with contextlib.suppress(OSError):  # whoever writes there says why not
-        if path.is_file() and _JUNIT in path.read_bytes()[:_JUNIT_BEGINS]:
-            path.unlink()
+        if path.is_file():
+            with path.open("rb") as file:
+                begins = file.read(_JUNIT_BEGINS)
+            if _JUNIT in begins:
+                path.unlink()
 
 
 def require_writable_results(out: Path, *, junit: Path | None) -> None:

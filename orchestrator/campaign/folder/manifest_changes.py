@@ -50,7 +50,7 @@ def changes_since_flight(
     changes = [
         f"{key} was {shortened_text(was)}, now it is {shortened_text(present)}"
         for key, was, present in changed_manifest_keys(before.get("document", {}), now["document"])
-        if key not in _COUNTED or "{" in (was[0], present[0])
+        if key not in _COUNTED or any(text.startswith("{") for text in (was, present))
     ]
     flown_files = before.get("files", {})
     changes += [

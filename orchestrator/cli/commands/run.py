@@ -17,7 +17,11 @@ from wil_campaign.hooks import LiveViewError, live_views, run_options
 from wil_campaign.installed_plugins import absent_additions, plugin_additions
 from wil_campaign.orchestrator.campaign.campaign_runner import CampaignOutcome, fly_campaign
 from wil_campaign.orchestrator.campaign.flight_options import USUAL, ClearedCampaign, FlightOptions
-from wil_campaign.orchestrator.campaign.folder.campaign_folder import FolderTakenError, OutputError
+from wil_campaign.orchestrator.campaign.folder.campaign_folder import (
+    FolderTakenError,
+    OutputError,
+    remove_earlier_junit,
+)
 from wil_campaign.orchestrator.campaign.folder.repetitions import runs_planned
 from wil_campaign.orchestrator.campaign.resuming.unchanged_campaign import ResumeError
 from wil_campaign.orchestrator.campaign.workers.run_engine import EngineError
@@ -84,6 +88,8 @@ def run(
     json_
         Print summary.json on standard output and nothing else there.
     """
+    if options.junit is not None:
+        remove_earlier_junit(options.junit)  # before any refusal
     if no_arm and options.resume:
         write_stderr("--no-arm leaves no results that --resume could continue")
         return 2

@@ -244,6 +244,14 @@ def test_a_refused_campaign_does_not_keep_the_junit_of_an_earlier_one(
     assert junit.exists() is is_kept
 
 
+def test_options_that_contradict_each_other_keep_no_junit_either(campaign: Path) -> None:
+    junit = campaign.parent / "junit.xml"
+    for options in (["--again", "default/sim/1"], ["--no-arm", "--resume"]):
+        junit.write_text("<testsuites/>")
+        assert main([*command(campaign)[3:], *options, "--junit", str(junit)]) == 2
+        assert not junit.exists()
+
+
 def test_a_campaign_flown_without_arming_is_not_resumed(
     campaign: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
