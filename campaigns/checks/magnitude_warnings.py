@@ -36,7 +36,7 @@ def magnitude_warnings(files: CaseFiles, case: Case) -> Iterator[Problem]:
     """Yield a warning for each number of a case that is outside what such a thing has."""
     file = files.campaign
     seen: set[str] = set()
-    for document in filter(None, (file, files.world, files.recipe)):
+    for document in filter(None, (files.of_case, files.world, files.recipe)):
         yield from _degrees_as_radians(document, document.root, ())
     for name, vehicle in case.vehicles.items():
         at: Path = ("vehicles", name)

@@ -79,7 +79,7 @@ def read_setup(
     loads_code: whether the autonomy and the user's own steps are loaded to check them.
     """
     problems: list[Problem] = []
-    part = collect_problems(problems, partial(check_document, files.campaign, campaign_model()))
+    part = collect_problems(problems, partial(check_document, files.of_case, campaign_model()))
     uses, oracle_problems = oracle_uses(files.campaign)
     problems += oracle_problems
     world = _read_case(World.parse, files.world, problems)

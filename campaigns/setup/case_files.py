@@ -37,6 +37,11 @@ class CaseFiles:
     fences: Mapping[str, Document] = field(default_factory=dict)
 
     @property
+    def of_case(self) -> Document:
+        """Return the campaign's document without what it says of its other cases."""
+        return self.campaign.without(("cases", "controls", "published"))
+
+    @property
     def folder(self) -> Path:
         """Return the folder to which file names of the case are relative."""
         return self.campaign.path.parent

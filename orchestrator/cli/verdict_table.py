@@ -18,6 +18,7 @@ from wil_campaign.orchestrator.cli.external_lines import external_lines
 from wil_campaign.orchestrator.cli.progress_display import VERDICT_STYLES
 from wil_campaign.orchestrator.cli.text_table import count_text
 from wil_campaign.orchestrator.run_results.acceptance_texts import (
+    left_out_names,
     required_text,
     row_verdict,
     shortfall_texts,
@@ -327,7 +328,7 @@ def _conclusion(summary: Summary, changed_since_flight: Sequence[str]) -> list[T
         parts.append(f"never flown: {len(summary.not_flown)} of {_planned_count(summary)}")
     if summary.left_out:
         style = "yellow" if summary.accepted else style
-        parts.append(f"required but left out: {', '.join(summary.left_out)}")
+        parts.append(f"required but left out: {left_out_names(summary)}")
     if summary.ending:
         style = "yellow" if summary.accepted is not False else style
         parts.append(summary.ending)

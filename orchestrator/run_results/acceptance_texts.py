@@ -12,6 +12,7 @@ from wil_campaign.safety.model.oracle_results import Verdict
 _PROVEN = frozenset({"PASS", "FAIL"})
 _BY_DECISION: dict[str, Verdict] = {"at least": "PASS", "below": "FAIL"}
 """The verdict by the decision of a sequential test."""
+_MOST_NAMED = 12
 
 
 def required_text(summary: Summary, requirements: Iterable[PassRequirement]) -> str:
@@ -95,11 +96,18 @@ def stand_in_text(summary: Summary) -> str:
     return "" if summary.real_kind == "hardware" else "It is not known whether 'real' is hardware."
 
 
+def left_out_names(summary: Summary) -> str:
+    """Return what is required and was left out, by name; of many the first."""
+    names = ", ".join(summary.left_out[:_MOST_NAMED])
+    more = len(summary.left_out) - _MOST_NAMED
+    return f"{names} and {more} more" if more > 0 else names
+
+
 def left_out_text(summary: Summary) -> str:
     """Return sentences about what is required and was left out; empty for nothing."""
     if not summary.left_out:
         return ""
-    text = f"Required but left out: {', '.join(summary.left_out)}."
+    text = f"Required but left out: {left_out_names(summary)}."
     if any("control" in one for one in summary.left_out):
         text += " Controls are runs that must not pass: they show that the campaign can fail."
     return f"{text} The verdict covers only what was flown."

@@ -6,7 +6,7 @@ import os
 import platform
 import time
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import asdict
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -16,6 +16,7 @@ from wil_campaign.campaigns.expansion.expansion import Campaign
 from wil_campaign.campaigns.setup.case_files import CaseFiles
 from wil_campaign.foundation.clocks.virtual_loop import Clock
 from wil_campaign.foundation.files.documents import Data, Document
+from wil_campaign.foundation.files.yaml_nodes import YamlNode, plain_value_of_node
 from wil_campaign.foundation.processes.linux import usable_cores
 from wil_campaign.hooks import autonomy_kinds
 from wil_campaign.installed_plugins import plugin_additions
@@ -100,9 +101,10 @@ def _as_flown(campaign: Campaign, flown: Mapping[str, Any]) -> list[dict[str, ob
     document = flown.get("document")
     stated = document.get("repetitions") if isinstance(document, dict) else None
     given = [*([] if stated is None else [stated]), *set(counts.values())]
+    of_cases, texts = _first_files(campaign), dict[int, str]()
     as_then = {
-        case: {_documents_digest(files, repetitions=one) for one in given}
-        for case, files in _first_files(campaign).items()
+        case: {_documents_digest(files, texts, repetitions=one) for one in given}
+        for case, files in of_cases.items()
     }
     return [
         {**run, "documents": before[plan.name]}
@@ -153,38 +155,49 @@ def maybe_written_files(campaign: Campaign) -> set[Path]:
     may read or write them.
     """
     files: set[Path] = set()
+    kinds = frozenset(plugin_additions(autonomy_kinds))
     for document in naming_documents(campaign):
-        for value in _given_to_code(document.data):
+        for value in _given_to_code(document.data, kinds):
             files.update(named_files(value, document.path))
     return {path for path in files if path.suffix not in _LOADED}
 
 
-def _given_to_code(data: Data) -> Iterator[Data]:
-    """Yield the values in a document that the user's own code is given as they are."""
+def _given_to_code(data: Data, kinds: Collection[str]) -> Iterator[Data]:
+    """Yield the values in a document that the user's own code is given as they are.
+
+    kinds: keys of autonomies that are no class.
+    """
     if isinstance(data, list):
         for inner in data:
-            yield from _given_to_code(inner)
+            yield from _given_to_code(inner, kinds)
     elif isinstance(data, dict):
         for key, inner in data.items():
             if key == "with":
                 yield inner
-            elif key in plugin_additions(autonomy_kinds) and isinstance(inner, list):
+            elif key in kinds and isinstance(inner, list):
                 yield inner[1:]
             else:
-                yield from _given_to_code(inner)
+                yield from _given_to_code(inner, kinds)
 
 
 def naming_documents(campaign: Campaign) -> Iterator[Document]:
-    """Yield the documents of a campaign's cases that may name further files."""
+    """Yield the documents of a campaign's cases that may name further files.
+
+    A campaign file that lists many cases is whole once, and of the others without their list.
+    """
+    seen = set[Path]()
     for case in _files_by_case(campaign).values():
-        for document in (case.campaign, case.world, case.recipe):
+        whole = case.campaign.path not in seen
+        seen.add(case.campaign.path)
+        for document in (case.campaign if whole else case.of_case, case.world, case.recipe):
             if document is not None:
                 yield document
 
 
 def _runs(campaign: Campaign) -> list[dict[str, object]]:
     """Return the manifest's runs; documents: a digest of their documents with overrides."""
-    digests = {case: _documents_digest(files) for case, files in _first_files(campaign).items()}
+    of_cases, texts = _first_files(campaign), dict[int, str]()
+    digests = {case: _documents_digest(files, texts) for case, files in of_cases.items()}
     plans = campaign.plans
     # Runs share their files, except where the world draws speeds by the seed of each run.
     files = {id(run.files): run.files for run in plans}
@@ -213,16 +226,29 @@ def _first_files(campaign: Campaign) -> dict[str, CaseFiles]:
     return {run.case: run.files for run in reversed(campaign.plans)}
 
 
-def _documents_digest(files: CaseFiles, **changed: Data) -> str:
-    """Return a digest of a case's documents; changed: replaced keys of the campaign."""
-    own = files.campaign.data
-    if isinstance(own, dict):
-        own = {**own, **changed}
+def _documents_digest(files: CaseFiles, texts: dict[int, str], **changed: Data) -> str:
+    """Return a digest of a case's documents; changed: replaced keys of the campaign.
+
+    texts: of the values that documents of several cases share, which are thousands in a large one.
+    """
+    own = files.campaign.root.value
+    keys = {key: entry.node for key, entry in own.items()} if isinstance(own, dict) else {}
+    parts = {key: _text_of_node(node, texts) for key, node in keys.items()}
+    parts |= {key: json.dumps(value, sort_keys=True) for key, value in changed.items()}
+    text = ", ".join(f"{json.dumps(key)}: {parts[key]}" for key in sorted(parts))
     beside = [
-        None if document is None else document.data for document in (files.world, files.recipe)
+        "null" if document is None else _text_of_node(document.root, texts)
+        for document in (files.world, files.recipe)
     ]
-    text = json.dumps([own, *beside], sort_keys=True, default=str)
-    return f"sha256:{hashlib.sha256(text.encode()).hexdigest()}"
+    digest = hashlib.sha256(f"[{{{text}}}, {', '.join(beside)}]".encode())
+    return f"sha256:{digest.hexdigest()}"
+
+
+def _text_of_node(node: YamlNode, texts: dict[int, str]) -> str:
+    """Return a node as JSON with sorted keys; made once, as the node outlives `texts`."""
+    if id(node) not in texts:
+        texts[id(node)] = json.dumps(plain_value_of_node(node), sort_keys=True, default=str)
+    return texts[id(node)]
 
 
 def world_digest(files: CaseFiles) -> str:

@@ -3,13 +3,19 @@
 import pickle
 from pathlib import Path
 from typing import Any
+from unittest import mock
 
 import pytest
 
 from wil_campaign import campaigns
 from wil_campaign.campaigns.expansion.expansion import Campaign, RunPlan, load_campaign
 from wil_campaign.campaigns.values.acceptance import PassRequirement, PassShare
+from wil_campaign.foundation.files import yaml_nodes
 from wil_campaign.foundation.files.documents import BadInput
+from wil_campaign.orchestrator.campaign.folder.manifest import (
+    campaign_manifest,
+    maybe_written_files,
+)
 
 SHIPPED = sorted(Path(campaigns.__file__).parent.glob("*.yaml"))
 
@@ -39,6 +45,27 @@ def test_a_case_overrides_the_world_and_no_other_case(files: Any) -> None:
     runs = {run.case: run for run in files.load().runs}
     assert inner_size_m(runs["large"]) == pytest.approx(1.0)
     assert inner_size_m(runs["small"]) == pytest.approx(0.5)
+
+
+def values_read(files: Any, cases: int) -> int:
+    """Return how many values of files are read to check a campaign of so many cases."""
+    listed = "".join(f"  c{index}: {{goal.altitude_m: 1.5}}\n" for index in range(cases))
+    path = files.folder / "campaign.yaml"
+    head, _, rest = path.read_text().partition("  large: {}\n")
+    path.write_text(f"{head}  large: {{}}\n{listed}{rest}")
+    read = mock.Mock(wraps=yaml_nodes.plain_value_of_node)
+    with mock.patch.object(yaml_nodes, "plain_value_of_node", read):
+        campaign = files.load()
+        campaign_manifest(campaign, "virtual")
+        maybe_written_files(campaign)
+    path.write_text(f"{head}  large: {{}}\n{rest}")
+    assert len(campaign.cases) == cases + 2
+    return int(read.call_count)
+
+
+def test_a_case_is_checked_without_the_others(files: Any) -> None:
+    few, some, many = (values_read(files, count) for count in (10, 50, 90))
+    assert many - some == some - few
 
 
 def test_a_case_overrides_campaign_recipe_and_file(files: Any) -> None:

@@ -38,6 +38,12 @@ def test_text_too_long_for_the_last_line_stands_above_it() -> None:
     assert lines[-2] == f"required but left out: {', '.join(left_out)}"
 
 
+def test_of_very_many_runs_that_were_left_out_the_first_are_named() -> None:
+    left_out = tuple(f"c{k}/wil" for k in range(4_000))
+    lines = [line.plain for line in conclusion_lines(replace(summary([]), left_out=left_out))]
+    assert any(line.endswith(", c10/wil, c11/wil and 3988 more") for line in lines)
+
+
 def test_a_campaign_that_is_not_accepted_is_so_whatever_was_flown() -> None:
     found = replace(summary([result("FAIL")]), left_out=("large/wil",))
     last = conclusion_lines(found)[-1].plain

@@ -8,7 +8,7 @@ import codecs
 import json
 import re
 import stat
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from pathlib import Path as FilePath
 from typing import TypeVar
@@ -127,6 +127,14 @@ class Document:
             reason = f"has {len(steps)} parts, at most {MAX_DEPTH} are possible"
             raise _override_error(entry, dotted_key, reason)
         return Document(self.path, _replace_value(self.root, steps, entry, dotted_key))
+
+    def without(self, keys: Collection[str]) -> "Document":
+        """Return the document without some keys of its top level."""
+        left = self.root.value
+        if not isinstance(left, dict):
+            return self
+        left = {key: entry for key, entry in left.items() if key not in keys}
+        return Document(self.path, mapping_node(left, self.root.place))
 
     def _spot(self, path: Path, *, key: bool) -> YamlPlace:
         entry, rest = self._reach(path)
