@@ -8,6 +8,7 @@ import stat
 import sys
 from pathlib import Path
 
+from wil_campaign.vehicles.embedded.emulations import load_kernels
 from wil_campaign.vehicles.embedded.process.embedded_process import main as fly
 from wil_campaign.vehicles.embedded.process.process_settings import ProcessSettings
 
@@ -116,5 +117,6 @@ def _px4(arguments: list[str]) -> ProcessSettings:
 
 
 if __name__ == "__main__":
+    load_kernels()  # before it says that it listens, for then it is given seconds to answer
     build = {"ardupilot": _ardupilot, "px4": _px4}[sys.argv[1]]
     sys.exit(fly([build(sys.argv[2:]).model_dump_json()]))
