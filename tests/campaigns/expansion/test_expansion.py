@@ -192,6 +192,9 @@ def test_a_command_line_setting_is_named_with_the_value_of_the_file(files: Any) 
         "set by the command line: retries=3",
     )
     assert files.load(repetitions=1, seed=3).caveats == ()
+    (long,) = files.load(sets=("sync={takeoff_timeout_s: 40}",)).caveats
+    assert len(long) < 200
+    assert long.endswith("...)") or "(the file says" in long
 
 
 def test_a_file_that_needs_an_option_is_compared_with_the_flown_one(files: Any) -> None:
