@@ -176,6 +176,7 @@ SMALL_ROOM = "{room: {size_north_m: 1, size_east_m: 1, height_m: 1}}"
         (MOVING + "[]}}", "[]", "at least 1", ""),
         (MOVING + f"[{LEG}], start: {{}}}}}}", "{}}}", "at_s", ""),
         (MOVING + f"[{LEG}], start: {{on: gaol}}}}}}", "gaol", "must be takeoff", "goal"),
+        (MOVING + f"[{LEG}], start: {{true: goal}}}}}}", "true", "unknown key 'true'", "on"),
         (
             MOVING + f"[{LEG}], start: {{at_s: 1, delay_s: 2}}}}}}",
             "2}}}",

@@ -286,6 +286,8 @@ def _quote(expected: str) -> list[str]:
 
 def _unknown_key(path: Path, known: list[str]) -> ValidationFault:
     meant = closest_word(str(path[-1]), known)
+    if path[-1] == "true" and "on" in known:  # so tools of YAML 1.1 write the key `on`
+        meant = "on"
     message = f"unknown key '{path[-1]}'"
     if not meant and known:
         message += f" (known here: {', '.join(known)})"
