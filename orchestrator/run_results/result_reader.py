@@ -4,7 +4,7 @@ import json
 from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from pydantic import TypeAdapter, ValidationError
 
@@ -19,8 +19,16 @@ from wil_campaign.orchestrator.run_results.run_result import RunResult
 
 T = TypeVar("T")
 
-_ADDED: Mapping[str, object] = {"firmware": (), "evidence_files": {}}
+_ADDED: Mapping[str, object] = {
+    "unmoved": (),
+    "no_retry": "",
+    "slow": (),
+    "code": {},
+    "firmware": (),
+    "evidence_files": {},
+}
 """Fields that a result.json of an earlier version does not have, with what they are then."""
+_ADDED_TO_EVIDENCE: Mapping[str, object] = {"caveat": ""}
 
 
 class ResultError(Exception):
@@ -78,10 +86,19 @@ def _is_as_written(result: RunResult, text: str) -> bool:
     """Return whether a document is what wil-campaign, or an earlier version of it, writes."""
     fields = plain_document(result)
     written = json.loads(text)
-    for name, value in _ADDED.items():
-        if name not in written and fields[name] == value:
-            del fields[name]
+    _leave_out(_ADDED, fields, written)
+    for entry, as_written in zip(fields["evidence"], written.get("evidence", ()), strict=True):
+        _leave_out(_ADDED_TO_EVIDENCE, entry, as_written)
     try:
         return to_json(fields) == text
     except ValueError:  # numbers that JSON does not have
         return False
+
+
+def _leave_out(
+    added: Mapping[str, object], fields: dict[str, Any], written: Mapping[str, object]
+) -> None:
+    """Leave out of a document what its earlier version did not have."""
+    for name, value in added.items():
+        if name not in written and fields[name] == value:
+            del fields[name]
