@@ -37,6 +37,7 @@ _BEGUN = (
     "the run was started and has no result: it is still flying, or its program died; `run "
     "--resume` resolves it"
 )
+_OF_A_SEARCH = "flights/*/campaign.json"
 _OF_A_RUN = ("result.json", "log.jsonl", "run.mcap", "trajectory.csv", "judged.msgpack")
 
 
@@ -98,6 +99,11 @@ def _require_campaign(folder: Path) -> None:
         raise ResultsFolderError(f"{folder} does not exist; give the results folder of a campaign")
     if not folder.is_dir():
         raise ResultsFolderError(f"{folder} is a file; give the results folder of a campaign")
+    if any(folder.glob(_OF_A_SEARCH)):
+        raise ResultsFolderError(
+            f"{folder} is the folder of a search, whose campaigns are below flights; its "
+            "report.html is written by `wil-campaign search`, with --resume once more"
+        )
     if any((folder / name).is_file() for name in ("campaign.json", "summary.json")):
         return
     if any(_run_names_on_disk(folder)):

@@ -37,6 +37,18 @@ def test_a_whole_folder_is_0_a_damaged_one_3_and_a_foreign_one_2(
     assert "cannot be written" in capsys.readouterr().err
 
 
+def test_the_report_of_a_search_is_not_replaced(tmp_path: Path, capsys: Capture) -> None:
+    """As the report of a campaign without flights, for its flights are of campaigns beneath."""
+    flight = tmp_path / "flights" / "0001"
+    flight.mkdir(parents=True)
+    for place in (tmp_path, flight):
+        (place / "campaign.json").write_text("{}")
+    (tmp_path / "report.html").write_text("of the search")
+    assert main(["report", str(tmp_path)]) == 2
+    assert "is the folder of a search" in capsys.readouterr().err
+    assert (tmp_path / "report.html").read_text() == "of the search"
+
+
 def test_run_writes_a_report_and_one_that_fails_changes_nothing(
     tmp_path: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
