@@ -15,7 +15,7 @@ from wil_campaign.foundation.files.yaml_nodes import mapping_node
 
 _REQUIRING = ("modes", "cases", "controls", "repetitions", "oracles", "accept")
 """Keys of a campaign file that say what it requires."""
-_MOST_SAID = 120
+_MOST_LETTERS = 120
 """Letters of what the file says in a key that the command line sets: `controls` is a page."""
 
 
@@ -63,9 +63,10 @@ def set_option_caveats(sets: Iterable[str], original: Document | None) -> list[s
         override, value = override_from_option("--set", text), None
         if original is not None and override.file == "campaign":
             value = original.get(tuple(override.dotted_key.split(".")))
-        said = json.dumps(value, ensure_ascii=False)
-        said = said if len(said) <= _MOST_SAID else f"{said[: _MOST_SAID - 3]}..."
-        stated = "" if value is None else f" (the file says {said})"
+        in_file = json.dumps(value, ensure_ascii=False)
+        if len(in_file) > _MOST_LETTERS:
+            in_file = f"{in_file[: _MOST_LETTERS - 3]}..."
+        stated = "" if value is None else f" (the file says {in_file})"
         found.append(f"set by the command line: {text}{stated}")
     return found
 

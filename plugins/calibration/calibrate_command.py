@@ -16,7 +16,7 @@ from cyclopts import Parameter
 from wil_campaign.campaigns.schema.calibration import CalibrationPart
 from wil_campaign.campaigns.schema.sources import MocapPart, SourcePart
 from wil_campaign.campaigns.values.external_setups import MocapSetup
-from wil_campaign.foundation.files.document_writer import write_atomically
+from wil_campaign.foundation.files.document_writer import require_own_file, write_atomically
 from wil_campaign.foundation.files.documents import BadInput, KeyFaultError
 from wil_campaign.orchestrator.cli.standard_streams import write_stderr, write_stdout
 from wil_campaign.plugins.calibration.board_search import (
@@ -160,6 +160,7 @@ def calibrate(
         if draw is not None:
             return _draw(target, draw)
         file = _name_file(images, out_)
+        require_own_file(file, rb"(#.*\s)*schema: wil/calibration/1")
         known = None if optics is None else read_optics(optics)
         views, path, flown_s = _search_images(images, target, pose_options, live)
         options = MeasurementOptions(

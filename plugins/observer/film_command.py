@@ -24,6 +24,7 @@ from wil_campaign.vehicles.readings import BgrImage
 
 _MOST_IMAGES = 20_000
 _GIF_COLOURS = 96
+_OF_THE_FLIGHT = ("run.mcap", "mixed.mp4", "mixed.png")
 Frames = Iterator[tuple[float, BgrImage]]
 
 
@@ -67,6 +68,9 @@ def film(
     if rate_hz is not None:
         observer = replace(observer, rate_hz=rate_hz)
     path = run / out_ if out_.parent == Path() else out_
+    if path.name in _OF_THE_FLIGHT and path.exists():
+        write_stderr(printable_problem(f"--out {out_}: is of the flight itself; name another file"))
+        return 2
     camera = ObserverCamera(seen, observer)
     times = _times(seen, observer.rate_hz)
     if path.suffix.lower() == ".png":

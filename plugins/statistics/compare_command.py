@@ -10,7 +10,7 @@ from typing import Annotated
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
-from wil_campaign.foundation.files.document_writer import write_atomically
+from wil_campaign.foundation.files.document_writer import HTML, require_own_file, write_atomically
 from wil_campaign.foundation.files.problems import printable_problem
 from wil_campaign.orchestrator.cli.markdown import markdown_table, markdown_text
 from wil_campaign.orchestrator.cli.standard_streams import write_stderr, write_stdout
@@ -88,6 +88,7 @@ def compare(
     if json_ and markdown:
         write_stderr("--json and --markdown are two forms of one output: give one of them")
         return 2
+    require_own_file(page, HTML)
     try:
         compared = compare_folders(
             before,

@@ -8,6 +8,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
+from wil_campaign.foundation.files.document_writer import HTML, require_own_file
 from wil_campaign.foundation.files.problems import printable_problem
 from wil_campaign.orchestrator.cli.standard_streams import write_stderr, write_stdout
 from wil_campaign.orchestrator.cli.text_table import table_lines
@@ -49,6 +50,7 @@ def history(
     json_
         Print one JSON document.
     """
+    require_own_file(page, HTML)
     try:
         found = read_history(*folders, keep=keep, campaign=campaign)
         if found.rows and page is not None:

@@ -14,7 +14,11 @@ from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 
-from wil_campaign.foundation.files.document_writer import sync_folder, write_atomically
+from wil_campaign.foundation.files.document_writer import (
+    require_own_file,
+    sync_folder,
+    write_atomically,
+)
 from wil_campaign.foundation.files.paths import path_exists, require_utf8
 from wil_campaign.foundation.files.problems import BadInput, Problem
 from wil_campaign.orchestrator.recording.timestamps import folder_stamp
@@ -69,7 +73,7 @@ def require_writable_results(out: Path, *, junit: Path | None) -> None:
     """Check that a campaign's results can be written before it begins.
 
     out: created when it does not exist; junit: a file in an existing folder. Raises OutputError,
-    and BadInput for a path that is not UTF-8 or too long.
+    and BadInput for a path that is not UTF-8 or too long, and for another kind of file at `junit`.
     """
     try:
         require_utf8(out)
@@ -86,6 +90,7 @@ def require_writable_results(out: Path, *, junit: Path | None) -> None:
         ) from error
     if junit is None:
         return
+    require_own_file(junit, rb"(<\?xml[^>]*>\s*)?" + _JUNIT)
     if not junit.parent.is_dir():
         raise OutputError(
             f"junit.xml cannot be written to {junit}: there is no folder {junit.parent}; create "

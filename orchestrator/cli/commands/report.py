@@ -5,6 +5,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
+from wil_campaign.foundation.files.document_writer import HTML, require_own_file
 from wil_campaign.foundation.files.problems import printable_problem
 from wil_campaign.hooks import report_images
 from wil_campaign.orchestrator.cli.final_report import name_problems
@@ -46,6 +47,7 @@ def report(
         The run of the picture, as large/wil/1; by default the failed run that decides, else a
         failed one, else the first of mode wil.
     """
+    require_own_file(out_, HTML)
     try:
         written = write_ordered_report(
             folder,

@@ -8,7 +8,7 @@ from cyclopts import Parameter
 from wil_campaign.campaigns.expansion.expansion import Campaign, ExpansionOptions, load_campaign
 from wil_campaign.campaigns.setup.bench_file import Bench, load_benches, read_bench
 from wil_campaign.foundation.clocks.virtual_loop import Clock
-from wil_campaign.foundation.files.document_writer import write_atomically
+from wil_campaign.foundation.files.document_writer import require_own_file, write_atomically
 from wil_campaign.foundation.files.documents import BadInput, Problem
 from wil_campaign.hooks import campaign_keys, problem_formats
 from wil_campaign.installed_plugins import absent_additions, load_plugin_object, plugin_additions
@@ -55,6 +55,8 @@ def validate(
         if why := absent_additions(problem_formats).get(name):
             write_stderr(why)
             return 2
+    for name, path in given_options(formats).items():
+        require_own_file(path, plugin_additions(problem_formats)[name].mark.encode())
     options = ExpansionOptions(
         sets=set_, is_autonomy_isolated=True, benches=load_benches(bench_file)
     )

@@ -217,6 +217,7 @@ def test_film_without_the_key_looks_at_the_whole_flight(tmp_path: Path) -> None:
     [
         (["film", "{run}", "--out", "a.avi"], "the name must end in .mp4, .gif, .mcap, .png"),
         (["film", "{run}/..", "--out", "a.mp4"], "has no world of a flight"),
+        (["film", "{run}", "--out", "{run}/run.mcap"], "is of the flight itself"),
     ],
 )
 def test_film_refuses_with_the_remedy(

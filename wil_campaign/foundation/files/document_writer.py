@@ -3,10 +3,16 @@
 import dataclasses
 import json
 import os
+import re
 import tempfile
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
+
+from wil_campaign.foundation.files.problems import BadInput, Problem
+
+HTML = b"<!doctype html>"
+_BEGINS_BYTES = 1000
 
 
 def to_json(document: object, *, indent: int | None = 2) -> str:
@@ -51,6 +57,24 @@ def write_atomically(path: Path, content: str | bytes) -> None:
             Path(name).unlink()
         raise
     sync_folder(path.parent)
+
+
+def require_own_file(path: Path | None, mark: bytes) -> None:
+    """Raise BadInput where another kind of file is at the place where one is to be written.
+
+    So nobody who names a campaign or a recording there loses it. mark: the pattern by which each
+    file of the kind begins. path: None where nothing is to be written.
+    """
+    if path is None:
+        return
+    try:
+        with path.open("rb") as file:
+            begins = file.read(_BEGINS_BYTES)
+    except OSError:  # whoever writes there says why not
+        return
+    if begins and not re.match(mark, begins):
+        message = "is another kind of file, and would be replaced: name another place, or remove it"
+        raise BadInput([Problem(str(path), 0, 0, message)])
 
 
 def sync_files(folder: Path) -> None:
