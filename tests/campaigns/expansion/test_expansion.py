@@ -192,9 +192,10 @@ def test_a_command_line_setting_is_named_with_the_value_of_the_file(files: Any) 
         "set by the command line: retries=3",
     )
     assert files.load(repetitions=1, seed=3).caveats == ()
-    (long,) = files.load(sets=("sync={takeoff_timeout_s: 40}",)).caveats
-    assert len(long) < 200
-    assert long.endswith("...)") or "(the file says" in long
+    files.change("campaign: small\n", f"campaign: small\ndescription: {'page ' * 80}\n")
+    (caveat,) = files.load(sets=("description=short",)).caveats
+    assert caveat.endswith(" page p...)")
+    assert len(caveat) < 200
 
 
 def test_a_file_that_needs_an_option_is_compared_with_the_flown_one(files: Any) -> None:
