@@ -126,6 +126,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except SystemExit as error:
         # The parser's, also for Ctrl-C. Any other, as of a plugin, says nothing of what was flown.
         code = error.code
+        if isinstance(error.__context__, BrokenPipeError):
+            return INTERNAL_ERROR  # so Rich ends a program whose standard output is closed
         return code if code in (USAGE_ERROR, INTERRUPTED) else _report_failure(error)
     except KeyboardInterrupt:
         write_stderr("interrupted")

@@ -2,6 +2,8 @@
 
 import io
 import os
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -44,3 +46,15 @@ def test_a_current_folder_that_was_removed_is_named(
     assert capsys.readouterr().err == (
         "the current folder was removed: change to one that exists (cd)\n"
     )
+
+
+@pytest.mark.parametrize("words", [["run", "--help"], ["list", "oracles"]])
+def test_a_reader_that_has_seen_enough_causes_no_error(words: list[str]) -> None:
+    """As of `| head`: Rich ends the program by SystemExit then, which is no fault of a plugin."""
+    program = "import sys; from wil_campaign.orchestrator.cli import main; sys.exit(main())"
+    reader, writer = os.pipe()
+    os.close(reader)
+    command = [sys.executable, "-c", program, *words]
+    ended = subprocess.run(command, stdout=writer, stderr=subprocess.PIPE, check=False)  # noqa: S603
+    os.close(writer)
+    assert (ended.returncode, ended.stderr) == (INTERNAL_ERROR, b"")
