@@ -188,14 +188,14 @@ class ProblemFormat:
     """A format of the faults of files, which `validate` writes by an option, also without any.
 
     name: the option, which takes a file. text: a function of the problems and of the warnings,
-    which returns the file's text. mark: the pattern by which each of its files begins. help: of
-    the option.
+    which returns the file's text. help: of the option. mark: the pattern by which each of its files
+    begins: another file is not replaced.
     """
 
     name: str
     text: str
-    mark: str
     help: str
+    mark: str = ""
 
 
 @dataclass(frozen=True, slots=True)

@@ -18,13 +18,13 @@ def problem_formats() -> tuple[ProblemFormat, ...]:
         ProblemFormat(
             "sarif",
             f"{module}:sarif_text",
-            r'\{\s*"version": "2.1.0"',
             "Write the faults as SARIF 2.1.0 to this FILE, as GitHub's code scanning reads it.",
+            r'\{\s*"version": "2.1.0"',
         ),
         ProblemFormat(
             "codequality",
             f"{module}:code_quality_text",
-            r"\[",
             "Write the faults to this FILE as a code quality report of GitLab.",
+            r"\[",
         ),
     )
