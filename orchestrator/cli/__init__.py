@@ -126,8 +126,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except SystemExit as error:
         # The parser's, also for Ctrl-C. Any other, as of a plugin, says nothing of what was flown.
         code = error.code
-        if isinstance(error.__context__, BrokenPipeError):
-            return INTERNAL_ERROR  # so Rich ends a program whose standard output is closed
         return code if code in (USAGE_ERROR, INTERRUPTED) else _report_failure(error)
     except KeyboardInterrupt:
         write_stderr("interrupted")
@@ -271,7 +269,12 @@ def _is_nowhere() -> bool:
 
 
 def _report_failure(error: BaseException) -> int:
-    """Print an error of the input or of the program on standard error; return the exit code."""
+    """Print an error of the input or of the program on standard error; return the exit code.
+
+    None where the reader of standard output has closed it: then Rich ends the program.
+    """
+    if isinstance(error, SystemExit) and isinstance(error.__context__, BrokenPipeError):
+        return INTERNAL_ERROR
     import tempfile  # noqa: PLC0415 - not needed for --help
     import traceback  # noqa: PLC0415 - not needed for --help
 

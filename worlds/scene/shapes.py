@@ -295,19 +295,32 @@ class _Side:
         return meshes.quad_mesh(self.center_m, self.right_m, self.up_m, material, (across, along))
 
 
+@lru_cache(maxsize=_CACHED_SHAPES)
+def room_textures(seed: int) -> tuple[meshes.BgrTexture, ...]:
+    """Return the textures of a room's shape: north, east, south, west, floor, ceiling; 16 ms."""
+    seeds = [seed * 6 + index for index in range(6)]
+    return (
+        textures.block_texture(seeds[0], (165, 170, 172)),
+        textures.concrete_texture(seeds[1], (150, 165, 150)),
+        textures.block_texture(seeds[2], (160, 154, 158)),
+        textures.concrete_texture(seeds[3], (168, 158, 146)),
+        textures.tile_texture(seeds[4], (98, 96, 92)),
+        textures.panel_texture(seeds[5], (238, 240, 240)),
+    )
+
+
 def _room_sides(north_m: float, east_m: float, height_m: float, seed: int) -> tuple[_Side, ...]:
     """Return the inner faces of a room's shape, textured by a seed."""
     n, e, h = north_m / 2.0, east_m / 2.0, height_m / 2.0
     up = (0.0, 0.0, -h)
-    seeds = [seed * 6 + index for index in range(6)]
-    grey, green, blue = (165, 170, 172), (150, 165, 150), (168, 158, 146)
+    north, east, south, west, floor, ceiling = room_textures(seed)
     return (
         _Side(
             "north wall",
             (n, 0.0, -h),
             (0.0, e, 0.0),
             up,
-            textures.block_texture(seeds[0], grey),
+            north,
             1.6,
         ),
         _Side(
@@ -315,7 +328,7 @@ def _room_sides(north_m: float, east_m: float, height_m: float, seed: int) -> tu
             (0.0, e, -h),
             (-n, 0.0, 0.0),
             up,
-            textures.concrete_texture(seeds[1], green),
+            east,
             2.5,
         ),
         _Side(
@@ -323,7 +336,7 @@ def _room_sides(north_m: float, east_m: float, height_m: float, seed: int) -> tu
             (-n, 0.0, -h),
             (0.0, -e, 0.0),
             up,
-            textures.block_texture(seeds[2], (160, 154, 158)),
+            south,
             2.0,
         ),
         _Side(
@@ -331,7 +344,7 @@ def _room_sides(north_m: float, east_m: float, height_m: float, seed: int) -> tu
             (0.0, -e, -h),
             (n, 0.0, 0.0),
             up,
-            textures.concrete_texture(seeds[3], blue),
+            west,
             2.5,
         ),
         _Side(
@@ -339,7 +352,7 @@ def _room_sides(north_m: float, east_m: float, height_m: float, seed: int) -> tu
             (0.0, 0.0, 0.0),
             (0.0, e, 0.0),
             (n, 0.0, 0.0),
-            textures.tile_texture(seeds[4], (98, 96, 92)),
+            floor,
             2.0,
         ),
         _Side(
@@ -347,7 +360,7 @@ def _room_sides(north_m: float, east_m: float, height_m: float, seed: int) -> tu
             (0.0, 0.0, -2.0 * h),
             (0.0, -e, 0.0),
             (n, 0.0, 0.0),
-            textures.panel_texture(seeds[5], (238, 240, 240)),
+            ceiling,
             2.4,
         ),
     )

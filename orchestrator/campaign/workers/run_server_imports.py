@@ -25,6 +25,7 @@ from wil_campaign.orchestrator.recording import run_video, video
 from wil_campaign.orchestrator.run.flight import run
 from wil_campaign.orchestrator.run.perception.warm_up import load_kept_kernels
 from wil_campaign.orchestrator.run.stages import return_flight
+from wil_campaign.worlds.scene.shapes import room_textures
 
 __all__ = ["return_flight", "run", "run_order", "run_video", "video"]
 
@@ -33,6 +34,7 @@ for _number in IGNORED_SIGNALS:
 cv2.setNumThreads(1)  # its threads would not exist in a fork
 remove_listeners_at_exit()
 load_kept_kernels()
+room_textures(0)  # of rooms without a seed of their own
 with suppress(BadInput):  # a plugin that cannot be used is a fault of the runs that use it
     load_models()
 gc.freeze()
