@@ -261,8 +261,10 @@ def _reason(error: ValueError) -> str:
 def _draw(board: Board, path: Path) -> int:
     if not isinstance(board, CharucoBoard):
         raise OfflineError("--draw writes ChArUco boards only; chessboards are easily found")
+    if path.suffix.lower() != ".png":
+        raise OfflineError(f"--draw {path}: end its name with .png")
     if not cv2.imwrite(str(path), board.picture(_CELL_PX)):
-        raise OfflineError(f"--draw {path}: cannot be written; end its name with .png")
+        raise OfflineError(f"--draw {path}: cannot be written there")
     wide, high = (1000.0 * board.square_m * count for count in (board.columns, board.rows))
     write_stdout(
         f"{path}: print it {wide:g} mm wide and {high:g} mm high, on something flat, with a margin"

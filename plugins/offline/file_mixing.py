@@ -31,6 +31,7 @@ from wil_campaign.plugins.offline.offline_pairing import (
 from wil_campaign.recipes.model.recipe import Recipe
 from wil_campaign.recipes.pipeline.pipeline import Mixer, compile_recipe
 from wil_campaign.vehicles.readings import CameraReading, Reading, Source
+from wil_campaign.vehicles.sources.camera_source import IMAGE_SUFFIXES
 from wil_campaign.worlds.frames import AT_ORIGIN, Pose
 from wil_campaign.worlds.world_file.world import World
 
@@ -122,6 +123,8 @@ def _refuse_to_overwrite(order: MixOrder) -> None:
         refuse_file_of_run(written)
     if order.stages is not None and order.stages.resolve() == order.out.resolve():
         raise OfflineError(f"{order.stages}: is the mixture's file; write to another file")
+    if order.stages is not None and order.stages.suffix.lower() not in IMAGE_SUFFIXES:
+        raise OfflineError(f"{order.stages}: name an image (.png)")
 
 
 def _refuse_unknown_objects(recipe: Recipe, objects: Mapping[str, int]) -> None:

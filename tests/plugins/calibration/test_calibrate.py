@@ -260,6 +260,7 @@ def test_files_and_options_that_cannot_be_used(
             "must be udp://HOST:PORT",
         ),
         (["calibrate", "--board", "chessboard:9x6:25mm", "--draw", "b.png"], "ChArUco boards only"),
+        (["calibrate", "--board", BOARD, "--draw", "b.txt"], "end its name with .png"),
     ):
         assert main(given) == 2, given
         assert said in capsys.readouterr().err, given

@@ -295,6 +295,7 @@ def test_bad_input_is_reported_and_nothing_is_written(
         (("--sensor", "range"), "'range', a rangefinder, from recordings into an .mcap alone"),
         (("--stages", "SHEET", "--frame", "1"), "there is no frame 1"),
         (("--stages", "OUT"), "is the mixture's file"),
+        (("--stages", "steps.txt"), "name an image (.png)"),
         (("--real-depth", "DEPTH"), "depth of 3x2 for an image of 160x120"),
         (("--twin-depth", "PHOTO"), "is not a 16-bit image"),
     ],
