@@ -4,6 +4,7 @@ Exit code 2 is a fault that is found before anything is touched, 3 an internal e
 interrupt. Standard output carries only the requested result.
 """
 
+import errno
 import gc
 import importlib
 import os
@@ -259,6 +260,12 @@ def _version() -> str:
     return program_text()
 
 
+def _long_path_text(error: BaseException) -> str:
+    if not isinstance(error, OSError) or error.errno != errno.ENAMETOOLONG:
+        return ""
+    return f"'{str(error.filename)[:60]}...': is too long for a path"
+
+
 def _is_nowhere() -> bool:
     """Return whether the current folder was removed."""
     try:
@@ -290,7 +297,7 @@ def _report_failure(error: BaseException) -> int:
 
             announce_problems(error.problems, error.warnings)
         return USAGE_ERROR
-    if text := needed_plugin_text("this command", error):
+    if text := _long_path_text(error) or needed_plugin_text("this command", error):
         write_stderr(text)
         return USAGE_ERROR
     if isinstance(error, FileNotFoundError) and _is_nowhere():

@@ -43,3 +43,8 @@ def test_one_of_its_own_kind_is(tmp_path: Path, command: str) -> None:
     first, second = main(words.split()), main(words.split())
     assert first == second != 2
     assert file.stat().st_size > 1
+
+
+def test_a_path_that_is_too_long_is_no_internal_error(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["judge", "campaigns/gate.yaml", "9" * 300]) == 2
+    assert "9...': is too long for a path" in capsys.readouterr().err
