@@ -93,6 +93,21 @@ def test_a_pair_beyond_its_limits_at_takeoff_is_invalid(
     assert decided == ([] if reason is None else [("INVALID", reason)])
 
 
+@pytest.mark.parametrize(("doubt_s", "decided"), [(0.02, 0), (0.03, 1)])
+def test_the_limit_of_the_liftoffs_counts_the_doubt_of_both_clocks(
+    doubt_s: float, decided: int
+) -> None:
+    sync, run_state, record, contexts = pair("real", "twin")
+    for name, lifted_s in (("real", 0.0), ("twin", 0.15)):
+        record(name, 0.0, frame(TAKEOFF))
+        contexts[name].liftoff.observe(lifted_s - 1.0, height_m=0.0, climb_m_s=0.0, doubt_s=doubt_s)
+        liftoff(contexts[name], lifted_s)
+    sync.check_takeoff()
+    text = "takeoff skew 0.150 s may be up to 0.210 s, for the vehicles' clocks are known to "
+    reasons = [event.text for event in run_state.decisive]
+    assert reasons == [f"{text}0.060 s; the limit is 0.2 s"] * decided
+
+
 @pytest.mark.parametrize(
     ("commanded", "lifted", "reason"),
     [
