@@ -16,7 +16,9 @@ _JUMP_S = 1.0
 _STEP_S = 0.1
 """A stamp that goes back by less is that of a sender that stamps unevenly, and no restart."""
 _RISES_S = 0.02
-"""Least delays of two windows that differ by more are of a slow clock, not of the network."""
+"""Least delays of two windows that differ by more are of a slow clock, not of the network..."""
+_SLOWEST = 0.05
+"""... unless they grow faster than any clock is slow: then messages wait, as for a slow decoder."""
 _MOST_RESTARTS, _WITHIN_S = 6, 5.0
 """No sender that restarts does so as often: there are two, or its stamps are in another unit."""
 
@@ -33,9 +35,9 @@ class _Delay:
         return self.delay_s + pace * (now_s - self.at_s)
 
     def pace_since(self, before: "_Delay") -> float:
-        """Return by how much delays have grown in a second; 0.0 for what a network does."""
+        """Return by how much delays have grown in a second; 0.0 where no clock is the cause."""
         rise_s, span_s = self.delay_s - before.delay_s, self.at_s - before.at_s
-        return rise_s / span_s if _RISES_S < rise_s < span_s else 0.0
+        return rise_s / span_s if _RISES_S < rise_s < _SLOWEST * span_s else 0.0
 
 
 _NEVER = _Delay(math.inf, 0.0)

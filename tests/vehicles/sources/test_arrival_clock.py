@@ -52,6 +52,15 @@ def test_a_slow_clock_is_followed_once_two_windows_have_shown_it(slow: float) ->
     assert clock.resets == 0
 
 
+def test_messages_that_wait_ever_longer_are_no_slow_clock() -> None:
+    """Their latency has to be seen: images of a decoder that is too slow, say."""
+    clock = ArrivalClock()
+    for k in range(4000):
+        sampled_s = k / 100
+        found_s = clock.run_time(sampled_s, 1.2 * sampled_s)
+    assert 1.2 * sampled_s - found_s > 1.5
+
+
 def test_a_network_that_becomes_slower_is_no_slow_clock_for_long() -> None:
     clock = ArrivalClock()
     for k in range(8000):
