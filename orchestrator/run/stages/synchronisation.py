@@ -84,23 +84,34 @@ class Synchronisation:
         )
 
     def _on_stage(self, stage: Stage, _: float) -> None:
+        if stage == "land" and self._run_state.reached("done"):
+            self._check_goal_given()
         if stage == "takeoff":
             # A drift of the estimate on the ground, before this, was no liftoff.
             for context in self._contexts:
                 context.liftoff = LiftoffDetector()
+
+    def _check_goal_given(self) -> None:
+        """Check after the goal that the other vehicle was flown, too, where the first one was."""
+        flown = [one for one in self._contexts if one.name not in self._run_state.dropped_out]
+        if len(flown) == len(self._contexts) and flown and flown[0].name in self._goal_s:
+            self._require("t0", self._goal_s, "setpoint to", ends_flight=False)
 
     def _skew(self, times_s: dict[str, float]) -> float | None:
         if len(self._contexts) < 2 or len(times_s) < len(self._contexts):
             return None
         return max(times_s.values()) - min(times_s.values())
 
-    def _require(self, what: str, known: Iterable[str], event: str) -> None:
+    def _require(
+        self, what: str, known: Iterable[str], event: str, *, ends_flight: bool = True
+    ) -> None:
         missing = [context.name for context in self._contexts if context.name not in set(known)]
         if len(self._contexts) > 1 and missing:
             self._run_state.decide(
                 "INVALID",
                 f"{what} skew was not measured: no {event} {' and '.join(missing)}",
                 source=f"sync/{what}",
+                ends_flight=ends_flight,
             )
 
     def _check(

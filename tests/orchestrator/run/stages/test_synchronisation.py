@@ -137,6 +137,35 @@ def test_a_goal_given_too_far_apart_is_invalid(skew_s: float, decided: list[str]
     assert sync.result().t0_skew_s == skew_s
 
 
+@pytest.mark.parametrize(
+    ("given", "left", "is_done", "decided"),
+    [
+        (("real",), False, True, 1),
+        (("real", "twin"), False, True, 0),
+        (("real",), True, True, 0),
+        (("real",), False, False, 0),
+        ((), False, True, 0),
+    ],
+    ids=["alone", "both", "dropped out", "ended before", "neither"],
+)
+def test_a_twin_that_was_never_flown_is_invalid(
+    given: tuple[str, ...], left: bool, is_done: bool, decided: int
+) -> None:
+    """Its program gave no setpoint, the twin hovered, and a skew that nobody measured passed."""
+    sync, run_state, _, _ = pair("real", "twin")
+    run_state.enter("goal")
+    for name in given:
+        sync.goal_given(name, 0.0)
+    if left:
+        run_state.drop_out("twin", "for the test")
+    if is_done:
+        run_state.enter("done")
+    run_state.enter("land")
+    reasons = [event.text for event in run_state.decisive]
+    assert reasons == ["t0 skew was not measured: no setpoint to twin"] * decided
+    assert not run_state.over.is_set(), "it lands already"
+
+
 def test_one_vehicle_alone_has_no_skew_to_measure() -> None:
     sync, run_state, record, contexts = pair("twin")
     record("twin", 0.0, frame(TAKEOFF))
