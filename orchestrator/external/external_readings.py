@@ -63,6 +63,7 @@ class ExternalReadings(ExternalSource):
         frame: of the world on earth; None where the recipe converts units or axes of this sensor,
         so that they cannot be checked here.
         """
+        self.is_converted = frame is None
         if self._from_setup.shown_as == "file" or self._context is None:
             return
         loop = asyncio.get_running_loop()

@@ -10,6 +10,7 @@ from wil_campaign.orchestrator.run_results.result_parts import SourceResult
 from wil_campaign.orchestrator.state.vehicle_context import VehicleContext
 from wil_campaign.vehicles.readings import Reading, Source
 from wil_campaign.vehicles.readings.copies import with_python_numbers
+from wil_campaign.vehicles.readings.kinds import traits_of
 from wil_campaign.vehicles.sources.camera_source import (
     ReadingSource,
     SourceCounts,
@@ -17,6 +18,7 @@ from wil_campaign.vehicles.sources.camera_source import (
     SourceStalledError,
 )
 from wil_campaign.vehicles.sources.readings.frozen_readings import FrozenReadings
+from wil_campaign.worlds.frames import Pose
 
 Deliver = Callable[[Reading], None]
 
@@ -26,8 +28,9 @@ class ExternalSource:
 
     It is opened with the run, so that an unavailable source is known before the flight. `run`
     delivers the readings since its own beginning: a live source is open already, a recording
-    starts then. A live sensor that repeats the same reading while its vehicle moves counts as
-    stalled, and those readings are not delivered. make: returns the source, not opened yet.
+    starts then. A live sensor that repeats the same reading while its vehicle moves, or contradicts
+    how it moves, counts as stalled, and those readings are not delivered. make: returns the source,
+    not opened yet.
     """
 
     def __init__(
@@ -51,6 +54,9 @@ class ExternalSource:
         self._context: VehicleContext | None = None
         self._frozen = FrozenReadings()
         self._is_frozen = False
+        self._contradiction: Callable[[Reading, Pose], str | None] | None = None
+        self.is_converted = False
+        """Whether the recipe converts its units or axes, so that they cannot be checked here."""
 
     def attach(self, context: VehicleContext) -> None:
         """Attach the vehicle whose sensor this is; before it is identified."""
@@ -122,13 +128,21 @@ class ExternalSource:
                 raise SourceError(f"{source.name}: the recording is over")
 
     def _report_frozen(self, reading: Reading) -> bool:
-        """Return whether a live sensor is frozen; report it as stalled then."""
+        """Return whether a live sensor is frozen or contradicts; report it as stalled then."""
         pose = None if self._context is None else self._context.poses.at(reading.t_s).pose
-        fault = self._frozen.receive(reading, pose)
+        fault = self._frozen.receive(reading, pose) or self._contradicted(reading, pose)
         if fault is not None:
             self._stall(fault, again=self._is_frozen)
         self._is_frozen = fault is not None
         return self._is_frozen
+
+    def _contradicted(self, reading: Reading, pose: Pose | None) -> str | None:
+        make = traits_of(type(reading)).in_flight
+        if make is None or pose is None or self.is_converted:
+            return None
+        if self._contradiction is None:
+            self._contradiction = make()
+        return self._contradiction(reading, pose)
 
     def _begin_counting(self, counts: SourceCounts) -> None:
         """Exclude readings before the first delivered one from the counts."""

@@ -14,9 +14,13 @@ _ABOVE_M = 0.1
 
 
 class LiftoffDetector:
-    """Detects the liftoff of an armed vehicle from its heights."""
+    """Detects the liftoff of an armed vehicle from its heights.
+
+    doubt_s: by how much the times were in doubt at most, until the liftoff is known.
+    """
 
     def __init__(self) -> None:
+        self.doubt_s = 0.0
         self._recent: deque[tuple[float, float, float]] = deque()
         self._climbed_s: float | None = None
         self._above_s: float | None = None
@@ -29,10 +33,16 @@ class LiftoffDetector:
         """
         return self._above_s if self._climbed_s is None else self._climbed_s
 
-    def observe(self, t_s: float, *, height_m: float, climb_m_s: float) -> None:
-        """Add an armed vehicle's height above its start, and its climb rate."""
+    def observe(
+        self, t_s: float, *, height_m: float, climb_m_s: float, doubt_s: float = 0.0
+    ) -> None:
+        """Add an armed vehicle's height above its start, and its climb rate.
+
+        doubt_s: by how much the time may be off.
+        """
         if self._climbed_s is not None:
             return
+        self.doubt_s = max(self.doubt_s, doubt_s)
         if height_m <= _ABOVE_M:
             self._above_s = None
         elif self._above_s is None:

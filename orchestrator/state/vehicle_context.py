@@ -208,7 +208,12 @@ class VehicleContext:
     def _detect_liftoff(self, sample: EstimateSample) -> None:
         height_m = self.start.position_ned_m[2] - sample.pose.position_ned_m[2]
         climb_m_s = -sample.velocity_ned_m_s[2]
-        self.liftoff.observe(sample.t_s, height_m=height_m, climb_m_s=climb_m_s)
+        self.liftoff.observe(
+            sample.t_s,
+            height_m=height_m,
+            climb_m_s=climb_m_s,
+            doubt_s=self.driver.clock.uncertainty_s or 0.0,
+        )
 
 
 def _pass_fault(fault: FaultySignal[T] | None, sample: T) -> T | None:

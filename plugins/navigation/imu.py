@@ -7,6 +7,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from wil_campaign.plugins.navigation.gauss_markov import GaussMarkovWalk
+from wil_campaign.plugins.navigation.imu_turns import TurnCheck
 from wil_campaign.vehicles.readings import ImuReading, Source
 from wil_campaign.vehicles.readings.faults import ReadingFault, are_reading_numbers_finite
 from wil_campaign.vehicles.readings.messages import (
@@ -193,6 +194,7 @@ _TRAITS = ReadingTraits(
     decode=_decode,
     compared=lambda r: (*r.specific_force_frd_m_s2, *r.rates_frd_rad_s),
     at_rest=_rest_fault,
+    in_flight=lambda: TurnCheck().receive,
     overlaid=True,
     quantities={
         "force_m_s2": lambda r: norm(r.specific_force_frd_m_s2),

@@ -52,9 +52,9 @@ def compare(
     the judged campaign was stopped, failed outside of its runs, or does not record its end; a
     control of it did not end as expected, so that its passes show nothing; a shared case, or a
     larger share of its flights than before, proves nothing; a case lost more than the limit, and
-    cannot be tested as the flights of one side are equal; AFTER lacks a case, an oracle or a
-    control of BEFORE and --removed is not given; or it was flown with other limits, worlds, files
-    or another firmware and --changed is not given.
+    cannot be tested as the flights of one side are equal, or too few to show any loss; AFTER lacks
+    a case, an oracle or a control of BEFORE and --removed is not given; or it was flown with other
+    limits, worlds, files or another firmware and --changed is not given.
 
     Parameters
     ----------
@@ -222,6 +222,7 @@ def _sentences(compared: FolderComparison, code: int) -> list[str]:
     lines = [f"same seed, other verdict: {text}" for text in found.flips]
     lines += [f"proves nothing in one of them: {cell}" for cell in found.unproven]
     lines += [f"more flights that prove nothing: {text}" for text in found.fewer_proven]
+    lines += [f"more attempts that proved nothing (retries): {text}" for text in found.flown_again]
     lines += [f"not flown any more: {cell}" for cell in found.only_before]
     lines += [f"not judged any more: {text}" for text in found.removed_oracles]
     lines += [f"control not flown any more: {text}" for text in compared.removed_controls]
@@ -230,8 +231,8 @@ def _sentences(compared: FolderComparison, code: int) -> list[str]:
     lines += [f"also changed: {text}" for text in settings.named]
     lines += [f"not flown before: {cell}" for cell in found.only_after]
     worse = [f"{change.case}/{change.mode} {change.what}" for change in found.worse]
-    untestable = len(found.untestable)
-    undecided = sum(change.outcome == "undecided" for change in found.changes) - untestable
+    untested = found.untestable
+    undecided = sum(change.outcome == "undecided" for change in found.changes) - len(untested)
     last = f"worse: {', '.join(worse)}" if worse else "nothing became worse beyond chance and size"
     if found.flips:
         # First, since under the virtual clock it is no chance.
@@ -242,8 +243,10 @@ def _sentences(compared: FolderComparison, code: int) -> list[str]:
         last += f"; {kept} of equal seed kept the verdict"
     if undecided:
         last += f"; {undecided} lost more than the limit, which may be chance: fly more"
-    if untestable:
-        last += f"; {untestable} lost more than the limit and cannot be tested: equal flights"
+    if untested:
+        why = {"too few flights" if one.p is not None else "equal flights" for one in untested}
+        last += f"; {len(untested)} lost more than the limit and cannot be tested: "
+        last += " or ".join(sorted(why))
     return [*lines, f"this comparison proves nothing; {last}" if code == 3 else last]
 
 

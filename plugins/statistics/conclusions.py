@@ -184,10 +184,11 @@ def _of_gap(title: str, figures: Sequence[Figure], flown: int) -> Iterator[Concl
     nearer, farther, undecided, unknown = _split_by_outcome(figures)
     claim = "WIL is nearer to reality than simulation"
     if nearer:
-        yield Conclusion("shown", f"{where}: {claim}, by {_names(nearer)}.")
+        alone = _alone_text(nearer, figures)
+        yield Conclusion("shown", f"{where}: {claim}, by {_names(nearer)}{alone}.")
     if farther:
-        text = "WIL is farther from reality than simulation"
-        yield Conclusion("contradicted", f"{where}: {text}, by {_names(farther)}.")
+        text, alone = "WIL is farther from reality than simulation", _alone_text(farther, figures)
+        yield Conclusion("contradicted", f"{where}: {text}, by {_names(farther)}{alone}.")
     if undecided:
         text = f"it is undecided whether {claim}, by {_names(undecided)}"
         yield Conclusion("not shown", f"{where}: {text} (the interval contains 0).")
@@ -197,6 +198,16 @@ def _of_gap(title: str, figures: Sequence[Figure], flown: int) -> Iterator[Concl
         yield Conclusion(
             "not shown", f"{where}: {text}: the flights have no spread, or are too few."
         )
+
+
+def _alone_text(some: Sequence[Figure], figures: Sequence[Figure]) -> str:
+    """Return that intervals hold alone, where some of the measures say what the others do not.
+
+    One of five is beyond chance by chance more often than each.
+    """
+    if len(some) == len(figures):
+        return ""
+    return f" ({len(some)} of {len(figures)} measures; each interval holds alone)"
 
 
 def _case_text(figures: Sequence[Figure]) -> str:

@@ -78,6 +78,9 @@ class VisibilityCoverage:
         self.not_mixed: Counter[str] = Counter()
         self._not_measured = ""
         self._unexpected = 0
+        self._blind_s: float | None = None
+        self._blind_frames = 0
+        """Since when no frame in a row shows anything that is in view, and how many these are."""
 
     def observe(self, frame: FrameVisibility) -> VisibilityFault | None:
         """Count a measured mixture; return the visibility fault once it has lasted long enough."""
@@ -94,7 +97,7 @@ class VisibilityCoverage:
                 f"something virtual in {share} at {frame.t_s:.3f} s, where geometry expects nothing"
             )
             faults.append(VisibilityFault(frame.t_s, f"{self._shower} shows {extra}"))
-        faults.append(self._lasting_blindness())
+        faults += [self._lasting_blindness(), self._lost_from_view(frame)]
         return next((fault for fault in faults if fault is not None), None)
 
     def why_not_measured(self) -> str:
@@ -154,6 +157,22 @@ class VisibilityCoverage:
         off = f"{offset} {one.unit} from its place at {t_s:.3f} s"
         text = f"{self._shower} shows {one.name} {off}; the limit is {one.limit:.3g} {one.unit}"
         return VisibilityFault(t_s, text)
+
+    def _lost_from_view(self, frame: FrameVisibility) -> VisibilityFault | None:
+        """Return the fault that objects which were shown are not any more, for long enough."""
+        names = [one.name for one in frame.objects if one.in_view]
+        if not names or any(one.is_shown for one in frame.objects):
+            self._blind_s, self._blind_frames = None, 0
+            return None
+        self._blind_s = frame.t_s if self._blind_s is None else self._blind_s
+        self._blind_frames += 1
+        if self._blind_frames < _SHARE_FRAMES or frame.t_s - self._blind_s < _BLIND_S:
+            return None
+        text = (
+            f"does not show {' and '.join(names)} any more from {self._blind_s:.3f} s on, though "
+        )
+        text += f"in view in {self._blind_frames} measured frames in a row"
+        return VisibilityFault(self._blind_s, f"{self._shower} {text}")
 
     def _lasting_blindness(self) -> VisibilityFault | None:
         """Return the fault that nothing in view was shown, once it has lasted long enough."""

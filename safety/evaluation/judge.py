@@ -303,13 +303,13 @@ class Judge:
     def drop_out(self, sample: DropOutSample) -> None:
         """Handle a vehicle that left the flight: what is not required of it ends.
 
-        What it does from then on, such as the guard's landing, is no part of the test. Required
-        oracles and those of other vehicles that watch it are judged to the end.
+        What it does from then on, such as the guard's landing, is no part of the test, nor is how
+        far others are from it. Required oracles are judged to the end.
         """
         for oracle in self.oracles:
             source = event_source_of(oracle.name, oracle.vehicle)
-            if oracle.vehicle == sample.vehicle and not oracle.required:
-                self._ended.setdefault(source, self._result_at_drop_out(oracle, sample.t_s))
+            if sample.vehicle in oracle.watches and not oracle.required:
+                self._ended.setdefault(source, self._result_at_drop_out(oracle, sample))
         self._connect(
             [
                 one
@@ -350,21 +350,22 @@ class Judge:
             found.append((result, is_certain and result.verdict == "FAIL"))
         return tuple(found)
 
-    def _result_at_drop_out(self, oracle: Oracle, t_s: float) -> OracleResult:
-        """Return the result of an oracle whose vehicle leaves the flight now.
+    def _result_at_drop_out(self, oracle: Oracle, sample: DropOutSample) -> OracleResult:
+        """Return the result of an oracle of which a vehicle leaves the flight now.
 
         A failure without a decisive flag is INVALID: the vehicle had not done something yet, and
         whether it would have is unknown.
         """
+        t_s, left = sample.t_s, sample.vehicle
         result = _result_of(oracle, t_s)
         name, vehicle, since = oracle.name, oracle.vehicle, oracle.stages.since(t_s)
         is_settled = any(
             flag.decisive and (flag.oracle, flag.vehicle) == (name, vehicle) for flag in self._flags
         )
         if result.verdict == "FAIL" and not is_settled:
-            reason = f"{vehicle} dropped out{since}, before this was decided"
+            reason = f"{left} dropped out{since}, before this was decided"
             return oracle.invalid(reason, at_s=t_s)
-        until = f"judged until {vehicle} dropped out{since}"
+        until = f"judged until {left} dropped out{since}"
         return replace(result, detail=f"{result.detail}; {until}" if result.detail else until)
 
     def _connect(self, oracles: Sequence[Oracle]) -> None:

@@ -44,7 +44,8 @@ class ReadingTraits:
     to find a frozen sensor; empty for a reading without a hit. has_moved: whether a vehicle moved
     so far between two poses that its readings cannot stay the same. blank: returns an empty one as
     large as those of a sensor, by its setup, of a side. size: that of one, in words. at_rest:
-    returns what is wrong with one of a vehicle at rest, by its pose in the world.
+    returns what is wrong with one of a vehicle at rest, by its pose in the world. in_flight: makes
+    what is given each of a sensor and its vehicle's pose then, and returns what contradicts.
 
     elements: its array with a value per element, counted by the first `axes`; "" for one value.
     in_world: whether its values are in the world's frame, not in its sensor's or the body's.
@@ -68,6 +69,7 @@ class ReadingTraits:
     blank: Callable[[Any, Source], Any] | None = None
     size: Callable[[Any], str] = lambda reading: ""  # noqa: ARG005
     at_rest: Callable[[Any, Pose, LocalFrame], str | None] | None = None
+    in_flight: Callable[[], Callable[[Any, Pose], str | None]] | None = None
     elements: str = ""
     axes: int = 1
     in_world: bool = False

@@ -1,7 +1,7 @@
 """Watches the mixing budgets while the goal is flown: beyond one the run is INVALID."""
 
 import asyncio
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 from wil_campaign.orchestrator.run.perception.mixing_loop import MixingLoop
@@ -46,7 +46,7 @@ class MixingBudgetWatch:
         self._doubt: tuple[float, str] | None = None
         self._has_waited = False
         """Whether a vehicle was silent since the doubt."""
-        self._is_over = False
+        self._is_over = self._has_decided = False
         run_state.on_stage(self._stage)
 
     def watch(self, loop: MixingLoop, period_s: float) -> None:
@@ -109,7 +109,8 @@ class MixingBudgetWatch:
             await asyncio.sleep(STALLED_S / 4)
             if self._run_state.stage == "goal":
                 for watched in self._watched.values():
-                    self._check_mixing(watched, loop.time())
+                    for reason in self._missing(watched, loop.time()):
+                        self.note_breach(watched.loop.name, reason)
             if self._doubt is None or is_decided:
                 continue
             t_s, reason = self._doubt
@@ -120,17 +121,18 @@ class MixingBudgetWatch:
                 self._run_state.decide("INVALID", reason, t_s=at_s, source="mixing")
                 is_decided = True
 
-    def _check_mixing(self, watched: _WatchedMixing, now_s: float) -> None:
+    def _missing(self, watched: _WatchedMixing, now_s: float) -> Iterator[str]:
+        """Yield why too few mixtures have come by now."""
         last_s = watched.loop.statistics.last_delivery_s or 0.0
         since_s = max(last_s, self._run_state.entered_s["goal"])
         if now_s - since_s > watched.stalled_s:
             reason = f"no mixed reading for more than {watched.stalled_s:g} s"
             if why := watched.loop.statistics.last_miss:
                 reason += f": {why}"
-            self.note_breach(watched.loop.name, reason)
+            yield reason
         breach = watched.rate.breach(now_s)
         if breach is not None:
-            self.note_breach(watched.loop.name, str(breach))
+            yield str(breach)
 
     def _stage(self, stage: Stage, t_s: float) -> None:
         if stage == "goal":
@@ -139,7 +141,16 @@ class MixingBudgetWatch:
         elif self._run_state.reached("goal") and not self._is_over:
             self._is_over = True
             self._check_delivery(t_s)
+            if stage == "done" and not self._is_any_silent(t_s):
+                self._check_since_last_look(t_s)
             self._check_visibility()
+
+    def _check_since_last_look(self, done_s: float) -> None:
+        """Check that mixtures came until the end of the goal: `run` looks four times a second."""
+        for watched in self._watched.values():
+            for reason in self._missing(watched, done_s):
+                self._decide_invalid(f"mixing of {watched.loop.name}: {reason}")
+                return
 
     def _check_delivery(self, done_s: float) -> None:
         """Check that mixtures were delivered, also in a flight too short to call it stalled.
@@ -188,5 +199,6 @@ class MixingBudgetWatch:
             self._decide_invalid(f"mixing: {fault.text}{why}")
 
     def _decide_invalid(self, reason: str) -> None:
-        if self._doubt is None:
+        if self._doubt is None and not self._has_decided:
+            self._has_decided = True
             self._run_state.decide("INVALID", reason, source="mixing", ends_flight=False)

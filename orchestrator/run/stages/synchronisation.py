@@ -51,8 +51,8 @@ class Synchronisation:
     def check_takeoff(self) -> None:
         """Check the pair's takeoff skew against its limits, once both are at height.
 
-        A skew that was not measured makes the run INVALID, too. With a vehicle that dropped out
-        there is no skew to check.
+        That of the liftoffs counts the doubt of both vehicles' clocks. A skew that was not measured
+        makes the run INVALID, too. With a vehicle that dropped out there is no skew to check.
         """
         if any(context.name in self._run_state.dropped_out for context in self._contexts):
             return
@@ -64,7 +64,9 @@ class Synchronisation:
         due_s = {n: t_s - self._waited_s.get(n, 0.0) for n, t_s in self._command_s.items()}
         self._check("command", self._skew(due_s), self._setup.max_command_skew_s)
         self._require("takeoff", lifted, "liftoff of")
-        self._check("takeoff", result.takeoff_skew_s, self._setup.max_takeoff_skew_s)
+        doubt_s = sum(context.liftoff.doubt_s for context in self._contexts)
+        limit_s = self._setup.max_takeoff_skew_s
+        self._check("takeoff", result.takeoff_skew_s, limit_s, doubt_s=doubt_s)
 
     def result(self) -> SyncResult:
         """Return the pair's skews as far as known; None for one vehicle alone."""
@@ -82,33 +84,50 @@ class Synchronisation:
         )
 
     def _on_stage(self, stage: Stage, _: float) -> None:
+        if stage == "land" and self._run_state.reached("done"):
+            self._check_goal_given()
         if stage == "takeoff":
             # A drift of the estimate on the ground, before this, was no liftoff.
             for context in self._contexts:
                 context.liftoff = LiftoffDetector()
+
+    def _check_goal_given(self) -> None:
+        """Check after the goal that the other vehicle was flown, too, where the first one was."""
+        flown = [one for one in self._contexts if one.name not in self._run_state.dropped_out]
+        if len(flown) == len(self._contexts) and flown and flown[0].name in self._goal_s:
+            self._require("t0", self._goal_s, "setpoint to", ends_flight=False)
 
     def _skew(self, times_s: dict[str, float]) -> float | None:
         if len(self._contexts) < 2 or len(times_s) < len(self._contexts):
             return None
         return max(times_s.values()) - min(times_s.values())
 
-    def _require(self, what: str, known: Iterable[str], event: str) -> None:
+    def _require(
+        self, what: str, known: Iterable[str], event: str, *, ends_flight: bool = True
+    ) -> None:
         missing = [context.name for context in self._contexts if context.name not in set(known)]
         if len(self._contexts) > 1 and missing:
             self._run_state.decide(
                 "INVALID",
                 f"{what} skew was not measured: no {event} {' and '.join(missing)}",
                 source=f"sync/{what}",
+                ends_flight=ends_flight,
             )
 
-    def _check(self, what: str, skew_s: float | None, limit_s: float) -> None:
-        if skew_s is not None and skew_s > limit_s:
-            self._run_state.decide(
-                "INVALID",
-                f"{what} skew {distinct_value_text(skew_s, limit_s, digits=3)} s "
-                f"exceeds {limit_s:g} s",
-                source=f"sync/{what}",
-            )
+    def _check(
+        self, what: str, skew_s: float | None, limit_s: float, *, doubt_s: float = 0.0
+    ) -> None:
+        """Check a skew; it may be larger by what the vehicles' clocks are in doubt."""
+        if skew_s is None or skew_s + doubt_s <= limit_s:
+            return
+        text = f"{what} skew "
+        if skew_s > limit_s:
+            text += f"{distinct_value_text(skew_s, limit_s, digits=3)} s exceeds {limit_s:g} s"
+        else:
+            most = distinct_value_text(skew_s + doubt_s, limit_s, digits=3)
+            text += f"{skew_s:.3f} s may be up to {most} s, for the vehicles' clocks are known to "
+            text += f"{doubt_s:.3f} s; the limit is {limit_s:g} s"
+        self._run_state.decide("INVALID", text, source=f"sync/{what}")
 
 
 def _is_takeoff(frame: bytes) -> bool:

@@ -1,10 +1,12 @@
 """Regression test of cases: worse beyond chance, and by more than a given size; pure."""
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from statistics import fmean
 from typing import Literal
 
+from wil_campaign.orchestrator.run_results.attempts import ended_attempts
 from wil_campaign.orchestrator.run_results.exit_codes import are_runs_equal
 from wil_campaign.orchestrator.run_results.run_result import RunResult
 from wil_campaign.plugins.statistics.comparison.errors import ComparisonError
@@ -44,9 +46,9 @@ class FigureChange:
     before, after: pass rates, or mean margins in `unit`; is_beyond: whether the mean of each side
     is known to be larger alone, as nothing came near in some flight. flights: their numbers, with a
     repeated flight once. loss: positive is worse. p: one-sided, corrected for the number of tests;
-    0 where equal runs of both sides differ, which chance cannot explain; None where untestable;
-    `why` has the reason. equal: whether the runs of each side are equal, so that its rate has no
-    interval.
+    0 where equal runs of both sides differ, which chance cannot explain; None where untestable.
+    why: no loss could be decided; empty where one could. equal: whether the runs of each side are
+    equal, so that its rate has no interval.
     """
 
     case: str
@@ -70,7 +72,8 @@ class FlightComparison:
 
     only_before, only_after: cells as "case/mode" that the other does not have. unproven: cells
     without a PASS or FAIL on one side. fewer_proven: cells with a larger share of INVALID, ERROR or
-    ABORTED flights than before, which rates and margins leave out; as texts. flips: runs whose
+    ABORTED flights than before, which rates and margins leave out; as texts. flown_again: cells
+    whose runs needed more attempts than before (retries); as texts. flips: runs whose
     verdict changed under the same seed. equal_seeds: how many runs had one. removed_oracles:
     oracles that judged a shared cell before, and are gone or only reported now; as texts.
     """
@@ -81,6 +84,7 @@ class FlightComparison:
     unproven: tuple[str, ...] = ()
     flips: tuple[str, ...] = ()
     fewer_proven: tuple[str, ...] = ()
+    flown_again: tuple[str, ...] = ()
     removed_oracles: tuple[str, ...] = ()
     equal_seeds: int = 0
 
@@ -96,9 +100,9 @@ class FlightComparison:
 
     @property
     def untestable(self) -> tuple[FigureChange, ...]:
-        """Return what lost more than its limit and cannot be tested, however many flights fly."""
+        """Return what lost more than its limit, where no loss could be told from chance."""
         return tuple(
-            change for change in self.changes if change.outcome == "undecided" and change.p is None
+            change for change in self.changes if change.outcome == "undecided" and change.why
         )
 
 
@@ -137,6 +141,9 @@ def compare_flown_sets(before: Cells, after: Cells, limits: LossLimits) -> Fligh
         flips=tuple(text for cell in shared for text in _flips(before[cell], after[cell])),
         equal_seeds=sum(len(_paired(before[cell], after[cell])) for cell in shared),
         fewer_proven=tuple(fewer_proven),
+        flown_again=tuple(
+            text for cell in shared for text in _flown_again(cell, before[cell], after[cell])
+        ),
         removed_oracles=tuple(
             text for cell in shared for text in _removed_oracles(cell, before[cell], after[cell])
         ),
@@ -177,6 +184,16 @@ def _fewer_proven(
     if now * len(old) <= was * len(new):
         return []
     return [f"{'/'.join(cell)}: {now} of {len(new)} flights, {was} of {len(old)} before"]
+
+
+def _flown_again(
+    cell: tuple[str, str], old: Sequence[RunResult], new: Sequence[RunResult]
+) -> list[str]:
+    """Return a text if a cell's runs needed more attempts than before; else nothing."""
+    was, now = (sum(len(ended_attempts(run.attempts)) for run in runs) for runs in (old, new))
+    if now * len(old) <= was * len(new):
+        return []
+    return [f"{'/'.join(cell)}: {now} beside {len(new)} flights, {was} beside {len(old)} before"]
 
 
 def _cell_changes(
@@ -275,8 +292,8 @@ def _corrected(changes: Sequence[FigureChange], limits: LossLimits) -> list[Figu
     tested = [change.p for change in changes if change.p is not None]
     corrected = iter(holm_corrected(tested))
     found = []
-    for change in changes:
-        p = None if change.p is None else next(corrected)
+    for given in changes:
+        change, p = given, None if given.p is None else next(corrected)
         size = limits.pass_rate if change.what == "pass rate" else limits.margin or 0.0
         large = change.loss > 0.0 and change.loss >= size - 1e-9
         outcome: Outcome = "not worse"
@@ -284,8 +301,15 @@ def _corrected(changes: Sequence[FigureChange], limits: LossLimits) -> list[Figu
             outcome = "undecided"
         elif large and p is not None:
             outcome = "worse" if p <= limits.level else "undecided"
+            if outcome == "undecided" and _least_p(change) * len(tested) > limits.level:
+                change = replace(change, why="so few flights decide no loss")
         found.append(replace(change, p=p, outcome=outcome))
     return found
+
+
+def _least_p(change: FigureChange) -> float:
+    """Return the p of the largest loss: every flight before is better than every one after."""
+    return 1.0 / math.comb(sum(change.flights), change.flights[0])
 
 
 def _flips(old: Sequence[RunResult], new: Sequence[RunResult]) -> list[str]:

@@ -174,6 +174,12 @@ SPOILED: dict[str, tuple[str, int, Spoil, str]] = {
         lambda m, _: later(m, time_usec=max(1, m.time_usec - 7_000_000)),
         "before its arrival",
     ),
+    "turns in degrees": (
+        "imu",
+        IMU,
+        lambda m, _: later(m, **{f"{x}gyro": math.degrees(getattr(m, f"{x}gyro")) for x in "xyz"}),
+        "their unit is wrong (rad/s is expected)",
+    ),
     "freezes": (
         "gps",
         FIX,

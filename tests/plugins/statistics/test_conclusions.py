@@ -1,5 +1,6 @@
 """What follows from the statistics, in words: shown, contradicted, not shown, needed."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -49,6 +50,15 @@ def test_a_claim_that_holds_is_shown_and_equal_passes_are_no_proof(tmp_path: Pat
     alike = texts(found, "not shown")
     assert "No difference in pass rates is shown" in alike
     assert "Equal pass rates are not shown either" in alike
+
+
+def test_some_of_the_measures_alone_are_no_claim_of_all(tmp_path: Path) -> None:
+    study = Study.read(write_flown(tmp_path / "a", campaign(0.1)))
+    shown = texts(study_conclusions(study), "shown").splitlines()[0]
+    assert shown.endswith("(rmse) (3 of 5 measures; each interval holds alone).")
+    paths = tuple(one for one in study.gap.figures if one.part == "behaviour")
+    every = replace(study, gap=replace(study.gap, figures=paths))
+    assert texts(study_conclusions(every), "shown").splitlines()[0].endswith("(rmse).")
 
 
 def test_a_claim_that_fails_is_reported_plainly(tmp_path: Path) -> None:

@@ -270,6 +270,21 @@ def test_a_vehicle_that_dropped_out_is_judged_until_then_and_the_others_to_the_e
     assert results["kept", "twin"].verdict == "FAIL"
 
 
+def test_how_far_a_vehicle_is_from_one_that_dropped_out_is_judged_until_then() -> None:
+    """Its last pose went on by its last velocity: the report told of distances that nobody flew."""
+    uses = [use("twin_divergence", max_m=2), use("twin_divergence", name="kept", required=True)]
+    judge = Judge(build_oracles(uses, contexts("wil")))
+    judge.stage(StageSample(0.0, "takeoff"))
+    for vehicle in ("real", "twin"):
+        judge.pose(pose(1.0, vehicle, (0, 0, -2)))
+    judge.drop_out(DropOutSample(2.0, "twin"))
+    assert judge.pose(pose(9.0, "real", (7, 0, -2))) == ()
+    apart, kept = (one for one in judge.results(9.0) if one.unit == "m" and one.actual is not None)
+    assert (apart.name, apart.verdict, apart.actual) == ("twin_divergence", "PASS", 0.0)
+    assert apart.detail == "judged until twin dropped out 2.00 s after the takeoff command"
+    assert (kept.name, kept.actual) == ("kept", 7.0)
+
+
 @pytest.mark.parametrize(
     ("kind", "source", "ends"),
     [

@@ -671,6 +671,21 @@ async def goal_at(flight: Flight, t_s: float, until_s: float) -> None:
 BODY = "merge: {aggregate: min}"
 
 
+@pytest.mark.parametrize(("silent_s", "decided"), [(0.95, 0), (1.05, 1), (1.2, 1)])
+def test_a_stall_at_the_end_of_the_goal_counts_between_two_looks(
+    silent_s: float, decided: int
+) -> None:
+    async def feed(flight: Flight) -> None:
+        for k in range(40):
+            flight.deliver(k * 0.1)
+        await goal_at(flight, 1.0, 3.9 + silent_s)
+        flight.run_state.enter("done")
+        await sleep_until(8.0)
+
+    texts = [event.text for event in judged(BODY, feed).run_state.decisive]
+    assert texts == ["mixing of s: no mixed reading for more than 1 s"] * decided
+
+
 def test_good_mixing_is_left_alone() -> None:
     async def feed(flight: Flight) -> None:
         for k in range(60):
@@ -822,7 +837,8 @@ def seen_by(publish: str, **shown: bool) -> Any:
         publish=(publish,), combination=SimpleNamespace(budget=MixingBudget(max_skew_s=0.02))
     )
     probe = SimpleNamespace(coverage=coverage, why_nothing=lambda: "")
-    return SimpleNamespace(name=f"camera.{publish}", mixer=mixer, probe=probe)
+    told = SimpleNamespace(last_delivery_s=0.0)
+    return SimpleNamespace(name=f"camera.{publish}", mixer=mixer, probe=probe, statistics=told)
 
 
 @pytest.mark.parametrize(

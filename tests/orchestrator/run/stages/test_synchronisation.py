@@ -93,6 +93,21 @@ def test_a_pair_beyond_its_limits_at_takeoff_is_invalid(
     assert decided == ([] if reason is None else [("INVALID", reason)])
 
 
+@pytest.mark.parametrize(("doubt_s", "decided"), [(0.02, 0), (0.03, 1)])
+def test_the_limit_of_the_liftoffs_counts_the_doubt_of_both_clocks(
+    doubt_s: float, decided: int
+) -> None:
+    sync, run_state, record, contexts = pair("real", "twin")
+    for name, lifted_s in (("real", 0.0), ("twin", 0.15)):
+        record(name, 0.0, frame(TAKEOFF))
+        contexts[name].liftoff.observe(lifted_s - 1.0, height_m=0.0, climb_m_s=0.0, doubt_s=doubt_s)
+        liftoff(contexts[name], lifted_s)
+    sync.check_takeoff()
+    text = "takeoff skew 0.150 s may be up to 0.210 s, for the vehicles' clocks are known to "
+    reasons = [event.text for event in run_state.decisive]
+    assert reasons == [f"{text}0.060 s; the limit is 0.2 s"] * decided
+
+
 @pytest.mark.parametrize(
     ("commanded", "lifted", "reason"),
     [
@@ -120,6 +135,35 @@ def test_a_goal_given_too_far_apart_is_invalid(skew_s: float, decided: list[str]
     sync.goal_given("twin", skew_s)
     assert [event.kind for event in run_state.decisive] == decided
     assert sync.result().t0_skew_s == skew_s
+
+
+@pytest.mark.parametrize(
+    ("given", "left", "is_done", "decided"),
+    [
+        (("real",), False, True, 1),
+        (("real", "twin"), False, True, 0),
+        (("real",), True, True, 0),
+        (("real",), False, False, 0),
+        ((), False, True, 0),
+    ],
+    ids=["alone", "both", "dropped out", "ended before", "neither"],
+)
+def test_a_twin_that_was_never_flown_is_invalid(
+    given: tuple[str, ...], left: bool, is_done: bool, decided: int
+) -> None:
+    """Its program gave no setpoint, the twin hovered, and a skew that nobody measured passed."""
+    sync, run_state, _, _ = pair("real", "twin")
+    run_state.enter("goal")
+    for name in given:
+        sync.goal_given(name, 0.0)
+    if left:
+        run_state.drop_out("twin", "for the test")
+    if is_done:
+        run_state.enter("done")
+    run_state.enter("land")
+    reasons = [event.text for event in run_state.decisive]
+    assert reasons == ["t0 skew was not measured: no setpoint to twin"] * decided
+    assert not run_state.over.is_set(), "it lands already"
 
 
 def test_one_vehicle_alone_has_no_skew_to_measure() -> None:

@@ -19,7 +19,7 @@ from tests.orchestrator.reading.flown_campaign import (
 from tests.orchestrator.run_results.test_flown_firmware import BOARD
 from wil_campaign.orchestrator.cli import main
 from wil_campaign.orchestrator.run_results.control_results import ControlResult
-from wil_campaign.orchestrator.run_results.run_result import RunResult
+from wil_campaign.orchestrator.run_results.run_result import EarlierAttempt, RunResult
 from wil_campaign.plugins.statistics.comparison.comparison import (
     FlightComparison,
     LossLimits,
@@ -184,6 +184,25 @@ def test_a_loss_that_no_test_can_decide_is_not_as_good_as_before(
     assert main(["compare", str(both), str(other)]) == 1, "what is worse is worse"
 
 
+@pytest.mark.parametrize(
+    ("before", "after", "code"),
+    [("P", "F", 3), ("PP", "FF", 3), ("PPP", "FFF", 1), ("PPPP", "PFFF", 0), ("PP", "PP", 0)],
+)
+def test_so_few_flights_that_no_loss_is_beyond_chance_are_no_good_comparison(
+    before: str, after: str, code: int, tmp_path: Path, capsys: Capture
+) -> None:
+    """One PASS before and one FAIL now: "undecided", exit code 0, and a release went out."""
+    folders = []
+    for name, verdicts in (("before", before), ("after", after)):
+        spread = [len(name) / 100 + n / 100 for n in range(len(verdicts))]
+        folders.append(tmp_path / name)
+        write_flown(folders[-1], flights("a", "wil", verdicts, spread))
+    assert main(["compare", *map(str, folders)]) == code
+    out = capsys.readouterr().out
+    assert ("so few flights decide no loss" in out) == (code == 3)
+    assert ("cannot be tested: too few flights" in out) == (code == 3)
+
+
 def test_a_p_at_the_level_is_beyond_chance_and_one_beside_it_is_not_rounded_to_it(
     tmp_path: Path, capsys: Capture
 ) -> None:
@@ -222,6 +241,18 @@ def test_flights_that_prove_nothing_any_more_do_not_leave_the_rest_as_good_as_be
     assert main(["compare", str(old), str(new)]) == 3
     assert f"more flights that prove nothing: {said}" in capsys.readouterr().out
     assert main(["compare", str(new), str(old)]) == 0
+
+
+def test_runs_that_pass_only_when_flown_again_are_named() -> None:
+    passed = runs_by_cell(one.result() for one in flights("a", "wil", "PP", TEN[:2]))
+    attempts = tuple(EarlierAttempt(one, "no", "") for one in ("INVALID", "ERROR", "ABORTED", None))
+    again = {
+        cell: [replace(run, attempts=attempts) for run in runs] for cell, runs in passed.items()
+    }
+    found = compare_flown_sets(passed, again, LossLimits())
+    assert found.flown_again == ("a/wil: 4 beside 2 flights, 0 beside 2 before",)
+    assert compare_flown_sets(again, again, LossLimits()).flown_again == ()
+    assert compare_flown_sets(again, passed, LossLimits()).flown_again == ()
 
 
 def test_the_command_exits_1_when_a_case_became_worse(tmp_path: Path, capsys: Capture) -> None:
