@@ -1,54 +1,27 @@
 """Maps a sender's clock to the run clock by the arrival times of its messages alone; pure.
 
 The message with the least delay gives the best estimate of the offset; later ones were delayed.
-The minimum is taken over the last seconds, so that the rates of the clocks may differ a little. A
-sender whose clock is slow by more shows by minima that rise: they are carried on at that pace.
+The minimum is taken over the last seconds, so that the rates of the clocks may differ a little.
 The least delay itself cannot be observed: it is measured once (`calibrate`) and handed in as
 `latency_s`.
 """
 
 import math
 from collections import deque
-from dataclasses import dataclass
 
 _JUMP_S = 1.0
 """A stamp that is early by more than this is no jitter: the sender's clock was set."""
 _STEP_S = 0.1
 """A stamp that goes back by less is that of a sender that stamps unevenly, and no restart."""
-_RISES_S = 0.02
-"""Least delays of two windows that differ by more are of a slow clock, not of the network..."""
-_SLOWEST = 0.05
-"""... unless they grow faster than any clock is slow: then messages wait, as for a slow decoder."""
 _MOST_RESTARTS, _WITHIN_S = 6, 5.0
 """No sender that restarts does so as often: there are two, or its stamps are in another unit."""
-
-
-@dataclass(frozen=True, slots=True)
-class _Delay:
-    """The least delay of a window, and when its message arrived."""
-
-    delay_s: float
-    at_s: float
-
-    def at(self, now_s: float, pace: float) -> float:
-        """Return what it is now, where delays grow by so much in a second."""
-        return self.delay_s + pace * (now_s - self.at_s)
-
-    def pace_since(self, before: "_Delay") -> float:
-        """Return by how much delays have grown in a second; 0.0 where no clock is the cause."""
-        rise_s, span_s = self.delay_s - before.delay_s, self.at_s - before.at_s
-        return rise_s / span_s if _RISES_S < rise_s < _SLOWEST * span_s else 0.0
-
-
-_NEVER = _Delay(math.inf, 0.0)
 
 
 class ArrivalClock:
     """Maps a sender's stamps to the run clock by their arrival.
 
     latency_s: from sampling to arrival of the message with the least delay. window_s: the window
-    of the minimum; a drift of 1e-4 causes an error of 2e-4 times this at most, one of some percent
-    no more than that once two windows have passed.
+    of the minimum; a drift of 1e-4 causes an error of 1e-4 times this.
     """
 
     def __init__(self, *, latency_s: float = 0.0, window_s: float = 10.0) -> None:
@@ -56,10 +29,8 @@ class ArrivalClock:
         self._window_s = window_s
         self._newest_sender_s = -math.inf
         self._since_s = -math.inf
-        self._current = self._previous = self._measured = self._measured_before = _NEVER
-        self._pace = 0.0
-        """By how much delays grow in a second, where the sender's clock is slow: the measured least
-        delays of the last two windows say it."""
+        self._current_s = math.inf
+        self._previous_s = math.inf
         self.resets = 0
 
     def run_time(self, sender_s: float | None, arrived_s: float) -> float:
@@ -71,14 +42,13 @@ class ArrivalClock:
         if sender_s is None or not math.isfinite(sender_s):
             return arrived_s - self.latency_s
         delay_s = arrived_s - sender_s
-        least_s = self._least_s(arrived_s)
-        if sender_s < self._newest_sender_s or delay_s < least_s - _JUMP_S:
+        if sender_s < self._newest_sender_s or delay_s < self._least_s - _JUMP_S:
             is_step = abs(sender_s - self._newest_sender_s) > _STEP_S
-            self.resets += is_step and not math.isinf(least_s)
+            self.resets += is_step and not math.isinf(self._least_s)
             self._reset()
         self._newest_sender_s = sender_s
         self._add_delay(delay_s, arrived_s)
-        return sender_s + self._least_s(arrived_s) - self.latency_s
+        return sender_s + self._least_s - self.latency_s
 
     def is_overtaken(self, sender_s: float) -> bool:
         """Return whether a stamp is that of a message which newer ones overtook on the way.
@@ -88,26 +58,20 @@ class ArrivalClock:
         """
         return self._newest_sender_s - _JUMP_S <= sender_s <= self._newest_sender_s
 
-    def _least_s(self, now_s: float) -> float:
-        """Return the least delay, as it has grown by now."""
-        return min(one.at(now_s, self._pace) for one in (self._current, self._previous))
+    @property
+    def _least_s(self) -> float:
+        return min(self._current_s, self._previous_s)
 
     def _add_delay(self, delay_s: float, arrived_s: float) -> None:
-        new = _Delay(delay_s, arrived_s)
         if arrived_s - self._since_s > self._window_s:
-            self._pace = self._measured.pace_since(self._measured_before)
-            self._since_s, self._measured_before, self._measured = arrived_s, self._measured, new
-            self._previous, self._current = self._current, new
-            return
-        if delay_s < self._measured.delay_s:
-            self._measured = new
-        if delay_s < self._current.at(arrived_s, self._pace):
-            self._current = new
+            self._since_s, self._previous_s, self._current_s = arrived_s, self._current_s, delay_s
+        else:
+            self._current_s = min(self._current_s, delay_s)
 
     def _reset(self) -> None:
         self._since_s = -math.inf
-        self._current = self._previous = self._measured = self._measured_before = _NEVER
-        self._pace = 0.0
+        self._current_s = math.inf
+        self._previous_s = math.inf
 
 
 class RestartMeter:

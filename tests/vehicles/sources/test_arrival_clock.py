@@ -38,39 +38,6 @@ def test_a_drifting_clock_is_followed() -> None:
         assert abs(found_s - sampled_s) < 0.003
 
 
-@pytest.mark.parametrize("slow", [0.005, 0.01, 0.03])
-def test_a_slow_clock_is_followed_once_two_windows_have_shown_it(slow: float) -> None:
-    """At 3 % its stamps fell behind by up to 0.6 s, and with them what was judged by them."""
-    rng = np.random.default_rng(2)
-    clock = ArrivalClock(latency_s=0.004)
-    errors = []
-    for k in range(12_000):
-        sampled_s = k / 100
-        arrived_s = sampled_s + 0.004 + float(rng.exponential(0.003))
-        errors.append(clock.run_time(1e5 + sampled_s * (1 - slow), arrived_s) - sampled_s)
-    assert max(map(abs, errors[2100:])) < 0.01
-    assert clock.resets == 0
-
-
-def test_messages_that_wait_ever_longer_are_no_slow_clock() -> None:
-    """Their latency has to be seen: images of a decoder that is too slow, say."""
-    clock = ArrivalClock()
-    for k in range(4000):
-        sampled_s = k / 100
-        found_s = clock.run_time(sampled_s, 1.2 * sampled_s)
-    assert 1.2 * sampled_s - found_s > 1.5
-
-
-def test_a_network_that_becomes_slower_is_no_slow_clock_for_long() -> None:
-    clock = ArrivalClock()
-    for k in range(8000):
-        sampled_s = k / 100
-        arrived_s = sampled_s + (0.1 if k > 3000 else 0.0)
-        found_s = clock.run_time(sampled_s, arrived_s)
-        assert sampled_s - 1e-9 <= found_s <= arrived_s + 1e-9
-    assert found_s == pytest.approx(arrived_s)
-
-
 @pytest.mark.parametrize("jump_s", [-50.0, -0.5, 3.0, 1e5])
 def test_a_sender_that_starts_anew_is_taken_as_it_is(jump_s: float) -> None:
     clock = ArrivalClock()
