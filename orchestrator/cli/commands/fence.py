@@ -41,11 +41,13 @@ def fence(
         Your name, for the record; by default that of your account.
     """
     try:
-        document = file.read_text(encoding="utf-8")
+        with file.open("rb") as opened:  # /dev/zero has no end
+            content = opened.read(_LONGEST_FILE_BYTES + 1)
+        document = content.decode("utf-8")
     except (OSError, UnicodeDecodeError) as error:
         write_stderr(f"{file} cannot be read: {error}")
         return 2
-    if len(document.encode()) > _LONGEST_FILE_BYTES:
+    if len(content) > _LONGEST_FILE_BYTES:
         write_stderr(f"{file} has more than {_LONGEST_FILE_BYTES} bytes")
         return 2
     typed = TypedCommand("change the fence of", ("fence", str(file)), who_option(who))

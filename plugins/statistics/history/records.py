@@ -111,6 +111,8 @@ def read_records(path: Path) -> list[FlightRecord]:
     try:
         if not path.exists():
             return []
+        if not path.is_file():
+            raise HistoryFileError(f"{path} is not a file")
         if path.stat().st_size > _MOST_BYTES:
             raise HistoryFileError(f"{path} is larger than {_MOST_BYTES} bytes")
         lines = path.read_text("utf-8").splitlines()
