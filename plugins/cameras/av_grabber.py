@@ -212,7 +212,10 @@ class AvGrabber:
             self._container = av.open(
                 io.BytesIO(session.encode()) if session is not None else source.url,
                 format=source.format,
-                options=dict(source.options),
+                options={} if source.kind == "v4l2" else dict(source.options),
+                # PyAV gives `options` to the decoder too, which would take the size asked of a
+                # device for the one that it sends.
+                container_options=dict(source.options) if source.kind == "v4l2" else {},
                 timeout=(self._open_timeout_s, _READ_TIMEOUT_S),
             )
         except (av.error.FFmpegError, OSError, ValueError) as error:

@@ -12,9 +12,10 @@ import pytest
 
 from tests.plugins.cameras.conftest import known_picture, number_of
 from wil_campaign.plugins.cameras.av_grabber import AvGrabber
-from wil_campaign.plugins.cameras.av_input import AvInput, opening_error
+from wil_campaign.plugins.cameras.av_input import AvInput, av_input, opening_error
 from wil_campaign.plugins.cameras.image_files import VideoFile
 from wil_campaign.vehicles.sources.camera_source import SourceError
+from wil_campaign.worlds.camera import Intrinsics
 
 GROUP = 10
 
@@ -165,3 +166,32 @@ def test_a_device_without_the_format_says_what_lists_its_own() -> None:
     error = opening_error("/dev/video0", av.error.ArgumentError(22, "Invalid argument"))
     assert "v4l2-ctl -d /dev/video0 --list-formats-ext" in str(error)
     assert "host, port" not in str(error)
+
+
+def test_the_size_that_is_asked_of_a_device_is_not_told_to_the_decoder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A device that has no 160x120 sends its nearest size: read as 160x120 it was a jumble."""
+    film = tmp_path / "v.nut"
+    with av.open(str(film), "w") as container:
+        stream: Any = container.add_stream("rawvideo", rate=25)
+        stream.width, stream.height, stream.pix_fmt = 320, 240, "yuyv422"
+        for k in range(3):
+            frame = av.VideoFrame.from_ndarray(known_picture(k, 320, 240), format="bgr24")
+            container.mux(stream.encode(frame.reformat(format="yuyv422")))
+    opened = av.open
+
+    def open_as_device(_: str, *, format: str, **more: Any) -> Any:  # noqa: A002 - PyAV's name
+        assert format == "v4l2"
+        return opened(str(film), **more)
+
+    monkeypatch.setattr(av, "open", open_as_device)
+    source = av_input("/dev/video0", intrinsics=Intrinsics.from_fov(160, 120, 1.2), rate_hz=25)
+    grabber = AvGrabber(source=source, open_timeout_s=20.0)
+    grabber.open()
+    first = grabber.grab()
+    grabber.close()
+    assert first is not None
+    assert first.image_bgr is not None
+    assert first.image_bgr.shape == (240, 320, 3)
+    assert number_of(first.image_bgr) == 0
