@@ -9,6 +9,7 @@ import asyncio
 import threading
 from collections import deque
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Literal, Protocol, Self
 
@@ -260,4 +261,5 @@ class LiveCamera:
         except Exception as error:  # noqa: BLE001 - a thread's error must reach the reader
             handoff.end(SourceError(f"{self.name}: {type(error).__name__}: {error}"))
         finally:
-            self._grabber.close()
+            with suppress(Exception):  # what was taken is whole; one that is gone cannot be closed
+                self._grabber.close()

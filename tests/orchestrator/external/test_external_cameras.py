@@ -136,3 +136,26 @@ async def test_a_live_camera_whose_size_changes_is_lost_with_the_reason(
     shapes = {reading.image_bgr.shape for reading in seen if isinstance(reading, CameraReading)}
     assert shapes <= {(120, 160, 3)}
     assert "images are 320x240" in one.result.trouble
+
+
+async def test_a_live_camera_of_another_size_is_known_before_anything_flies(
+    sending: Sending, free_port: int
+) -> None:
+    sending(free_port)
+    address = SourceSetup(kind="rtp", address=f"rtp://127.0.0.1:{free_port}", open_s=30.0)
+    async with AsyncExitStack() as stack:
+        with pytest.raises(ImageChangedError, match=r"images are 160x120.*640x480"):
+            await camera(address, 640, 480).open(stack)
+
+
+async def test_a_live_camera_that_died_before_arming_is_known_before_arming(
+    sending: Sending, free_port: int
+) -> None:
+    sender, loop = sending(free_port), asyncio.get_running_loop()
+    one = live(free_port, stall_s=1.5, open_s=30.0)
+    async with AsyncExitStack() as stack:
+        await one.open(stack)
+        await one.ready(since_s=loop.time())
+        await asyncio.to_thread(sender.stop)
+        with pytest.raises(SourceError, match=r"no image for 1\.5 s"):
+            await one.ready(since_s=loop.time())

@@ -216,3 +216,18 @@ async def test_the_loop_is_never_held_up() -> None:
         await anext(source)
     await turning
     assert waited == [True]
+
+
+async def test_a_device_that_cannot_be_closed_hides_nothing(
+    capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def close() -> None:
+        raise OSError(19, "No such device")
+
+    grabber = FakeGrabber()
+    monkeypatch.setattr(grabber, "close", close)
+    async with camera(grabber) as source:
+        grabber.things.put(SourceError("unplugged"))
+        with pytest.raises(SourceError, match="unplugged"):
+            await anext(source)
+    assert "Traceback" not in capfd.readouterr().err

@@ -5,6 +5,8 @@ import math
 import socket
 import struct
 import sys
+import threading
+from collections.abc import Callable
 from fractions import Fraction
 from types import SimpleNamespace
 from typing import Any
@@ -14,6 +16,7 @@ import numpy as np
 import pytest
 
 from tests.ports import free_port
+from wil_campaign.plugins.depth_cameras import depth_grabber
 from wil_campaign.plugins.depth_cameras.depth_grabber import GrabbedDepth, GrabbedReadings
 from wil_campaign.plugins.depth_cameras.realsense import open_realsense, realsense_fault
 from wil_campaign.plugins.depth_cameras.rtp_depth import (
@@ -252,6 +255,8 @@ class Library:
         self.shape = (HEIGHT, WIDTH)
         self.trouble = ""
         self.stopped = 0
+        self.opening: Callable[[], None] = lambda: None
+        self.stopping: Callable[[], None] = lambda: None
 
     def config(self) -> Any:
         return SimpleNamespace(
@@ -268,12 +273,13 @@ class Library:
         scale = SimpleNamespace(get_depth_scale=lambda: 0.0001)
         profile = SimpleNamespace(get_intrinsics=lambda: self.lens)
         return SimpleNamespace(
-            get_device=lambda: SimpleNamespace(first_depth_sensor=lambda: scale),
+            get_device=lambda: SimpleNamespace(first_depth_sensor=lambda: self.opening() or scale),
             get_stream=lambda kind: SimpleNamespace(as_video_stream_profile=lambda: profile),
         )
 
     def stop(self) -> None:
         self.stopped += 1
+        self.stopping()
 
     def try_wait_for_frames(self, timeout_ms: int) -> tuple[bool, Any]:
         number = next(self.numbers, None)
@@ -338,6 +344,39 @@ async def test_a_realsense_that_does_not_fit_is_refused(library: Library) -> Non
     assert "its focal length is 400 px" in await opening(library)
     library.lens.fx, library.shape = LENS.fx_px, (2, 2)
     assert "an image of uint16 (2, 2)" in await opening(library)
+
+
+def fails(text: str) -> Callable[[], None]:
+    """Return a call of the library that fails as all of its calls do."""
+
+    def call() -> None:
+        raise RuntimeError(text)
+
+    return call
+
+
+async def test_a_library_that_fails_as_it_opens_or_stops_is_said_and_hides_nothing(
+    library: Library, capfd: pytest.CaptureFixture[str]
+) -> None:
+    library.opening, library.stopping = fails("hwmon command failed"), fails("stop() failed")
+    assert "real depth from realsense://any: RuntimeError: hwmon" in await opening(library)
+    library.opening = lambda: None
+    async with open_realsense(request("realsense://any")) as live:
+        await anext(live)
+    assert library.stopped == 2
+    assert "Traceback" not in capfd.readouterr().err
+
+
+async def test_a_device_that_does_not_open_is_not_waited_for_without_end(
+    library: Library, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    answers = threading.Event()
+    library.opening = lambda: answers.wait(30.0) and None
+    monkeypatch.setattr(depth_grabber, "_OPENING_MARGIN_S", 0.1)
+    monkeypatch.setattr(depth_grabber, "_STOP_S", 0.1)
+    async with asyncio.timeout(20.0):
+        assert "did not open within 0.5 s" in await opening(library)
+    answers.set()
 
 
 async def test_without_the_library_the_message_says_how_to_get_it(
