@@ -227,7 +227,7 @@ class LiveCamera:
         """Return the error of a stall. damaged: how many images were, before it began."""
         unusable, others = self._damaged - damaged, ""
         if unusable:
-            others = f" ({unusable} incomplete, or without a time of their own that goes on)"
+            others = f" ({unusable} incomplete, a second late, or with a time that does not go on)"
         return SourceStalledError(
             f"{self.name}: no image for {self._stall_timeout_s:g} s after "
             f"{self._delivered} images{others}; check the camera's power, cable and network"

@@ -136,7 +136,7 @@ async def test_a_camera_of_which_nothing_is_usable_has_stalled(what: str) -> Non
         grabber.put(0, 1.0)
         await anext(source)
         task = asyncio.create_task(sending())
-        said = r"no image for 0\.3 s after 1 images \(\d+ incomplete, or without a time"
+        said = r"no image for 0\.3 s after 1 images \(\d+ incomplete, a second late, or with a time"
         for _ in range(2):
             with pytest.raises(SourceStalledError, match=said):
                 async with asyncio.timeout(10.0):
