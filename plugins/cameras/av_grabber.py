@@ -172,11 +172,19 @@ class AvGrabber:
     After lost or broken data every frame is held back until the next key frame, since a decoder
     continues from wrong frames without an error. A stream that is joined late starts with its
     first key frame: earlier frames are neither handed on nor counted as damaged.
+
+    stall_timeout_s: how long the reader waits for an image.
     """
 
-    def __init__(self, *, source: AvInput, open_timeout_s: float = 5.0) -> None:
+    def __init__(
+        self, *, source: AvInput, open_timeout_s: float = 5.0, stall_timeout_s: float = 0.0
+    ) -> None:
         self._source = source
         self._open_timeout_s = open_timeout_s
+        # A wait that is given up within a packet of RTSP over TCP leaves FFmpeg between the bytes
+        # of that packet, where it finds no other.
+        is_tcp = source.options.get("rtsp_transport") == "tcp"
+        self._read_timeout_s = max(_READ_TIMEOUT_S, stall_timeout_s if is_tcp else 0.0)
         self._container: Any = None
         self._stream: Any = None
         self._frames: Iterator[Any] = iter(())
@@ -216,7 +224,7 @@ class AvGrabber:
                 # PyAV gives `options` to the decoder too, which would take the size asked of a
                 # device for the one that it sends.
                 container_options=dict(source.options) if source.kind == "v4l2" else {},
-                timeout=(self._open_timeout_s, _READ_TIMEOUT_S),
+                timeout=(self._open_timeout_s, self._read_timeout_s),
             )
         except (av.error.FFmpegError, OSError, ValueError) as error:
             # An interrupted wait shows as any of many errors, among them invalid data.
