@@ -106,10 +106,11 @@ class ExternalSource:
         self._stalled(f"{self._side} {self._sensor}: {why}")
 
     async def _run(self, source: ReadingSource[Reading], deliver: Deliver) -> None:
-        since_s = asyncio.get_running_loop().time()
+        since_s, is_silent = asyncio.get_running_loop().time(), False
         while True:
             try:
                 async for received in source:
+                    is_silent = False
                     if received.arrived_s < since_s:
                         continue
                     reading = with_python_numbers(received)  # NumPy's cannot be recorded
@@ -117,7 +118,8 @@ class ExternalSource:
                     if source.kind == "file" or not self._report_frozen(reading):
                         deliver(reading)
             except SourceStalledError as error:
-                self._stall(str(error))
+                self._stall(str(error), again=is_silent)
+                is_silent = True
             else:
                 raise SourceError(f"{source.name}: the recording is over")
 

@@ -105,14 +105,15 @@ async def test_a_live_camera_that_stalls_says_so_and_may_go_on(
     sending: Sending, free_port: int
 ) -> None:
     sender = sending(free_port)
-    one, seen, stalls = live(free_port, stall_s=1.5), list[Reading](), list[str]()
+    one, seen, stalls = live(free_port, stall_s=1.5, open_s=30.0), list[Reading](), list[str]()
     one.on_stall(stalls.append)
     async with AsyncExitStack() as stack:
         await one.open(stack)
         running = asyncio.create_task(one.run(seen.append))
         await until(lambda: len(seen) >= 3)
         await asyncio.to_thread(sender.stop)
-        await until(lambda: bool(stalls))
+        await until(lambda: len(stalls) > 1)
+        assert one.result.stalls == 1, "it goes on"
         before = len(seen)
         sending(free_port)
         await until(lambda: len(seen) > before)

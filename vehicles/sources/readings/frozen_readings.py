@@ -85,8 +85,8 @@ class FrozenReadings:
         if not traits_of(CameraReading).has_moved(image, blank.pose, pose):
             return None
         return (
-            f"its images are {word} all over since {blank.t_s:.2f} s: the camera is covered, "
-            "dazzled or broken"
+            f"its images were {word} all over for {image.t_s - blank.t_s:.2f} s: the camera is "
+            "covered, dazzled or broken"
         )
 
     def _receive_still(
@@ -103,8 +103,8 @@ class FrozenReadings:
         if still.times < _SAME or (passed_m <= _PASSED_M and turned_rad <= _TURNED_RAD):
             return None
         return (
-            f"its last {still.times} images, since {still.t_s:.2f} s, show the same, and the "
-            f"vehicle moved {passed_m:.2f} m and turned {math.degrees(turned_rad):.0f} deg "
+            f"its last {still.times} images, in {image.t_s - still.t_s:.2f} s, show the same, and "
+            f"the vehicle moved {passed_m:.2f} m and turned {math.degrees(turned_rad):.0f} deg "
             "meanwhile: the sensor is frozen"
         )
 
@@ -127,8 +127,8 @@ class FrozenReadings:
             turned_rad = angle_between(since.pose.q_wxyz, pose.q_wxyz)
             moved += f" and turned {math.degrees(turned_rad):.0f} deg"
         return (
-            f"its last {since.times} readings, since {since.t_s:.2f} s, are the same, and the "
-            f"vehicle {moved} meanwhile: the sensor is frozen"
+            f"its last {since.times} readings, in {reading.t_s - since.t_s:.2f} s, are the same, "
+            f"and the vehicle {moved} meanwhile: the sensor is frozen"
         )
 
 
