@@ -73,7 +73,7 @@ def _metres(millimetres: str) -> float:
     return metres
 
 
-_LIVE = ("rtsp://", "rtsps://", "rtp://", "v4l2://", "/dev/video")
+_LIVE = ("rtsp://", "rtsps://", "rtp://", "v4l2://", "/dev/")
 _CELL_PX = 100
 _WELL_COVERED = 0.6
 _COEFFICIENTS = {"4": 4, "5": 5, "8": 8}
