@@ -160,9 +160,14 @@ def grey_bits_fault(pixels: Any) -> str:
 
 def no_image_error(address: str) -> SourceError:
     """Return the error of a camera input from which no image came in time."""
+    sent = ""
+    if address.startswith("rtp://"):
+        sent = ", as H.264 with payload type 96"
+    elif address.endswith(".sdp"):
+        sent = ", with the payload type that this file has"
     return SourceError(
         f"{redacted_address(address)}: no image arrived in time; check that it is sent to this "
-        "host and port"
+        f"host and port{sent}"
     )
 
 
@@ -170,7 +175,8 @@ def no_key_frame_error(address: str) -> SourceError:
     """Return the error of a camera input in which nothing can be decoded."""
     return SourceError(
         f"{redacted_address(address)}: video arrives without a key frame to start decoding from; "
-        "have the sender send one every second (keyint, GOP, I-frame interval), or wait longer"
+        "have the sender send one every second (keyint, GOP, I-frame interval), with its parameter "
+        "sets (GStreamer: rtph264pay config-interval=1), or wait longer"
     )
 
 
