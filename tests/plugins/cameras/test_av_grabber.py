@@ -79,7 +79,7 @@ def test_after_a_loss_images_are_damaged_until_the_next_key_picture(tmp_path: Pa
 
 def test_a_stream_without_a_key_picture_says_so(tmp_path: Path) -> None:
     source = stream(tmp_path / "v.h264", range(1, 10))
-    with pytest.raises(SourceError, match="without a key frame to start decoding.*parameter sets"):
+    with pytest.raises(SourceError, match=r"without a key frame to start decoding.*parameter sets"):
         AvGrabber(source=source, open_timeout_s=0.0).open()
 
 

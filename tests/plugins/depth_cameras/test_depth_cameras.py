@@ -199,6 +199,17 @@ def test_an_image_that_later_ones_overtook_is_counted_once() -> None:
     assert "after those of a later image" in results[1].why
 
 
+def test_images_that_never_arrived_are_counted_by_the_stamps() -> None:
+    values = np.arange(1, 25).reshape(6, 4)
+    lines = DepthLines(width_px=4, height_px=6, rate_hz=15.0)
+    broken = packets(values, 8 * 6000)[1:]
+    sent = [packets(values, k * 6000) for k in (1, 2, 5, 6)] + [broken]
+    sent += [packets(values, k * 6000) for k in (10, 11)] + [packets(values, 900, sender=8)]
+    results = [one for image in sent for packet in image if (one := lines.receive(packet))]
+    assert [one.skipped for one in results] == [0, 0, 2, 0, 0, 2, 0, 0]
+    assert [one.depth_m is None for one in results].index(True) == 4
+
+
 INTERLACED = struct.pack(">BBHIIHHHH", 0x80, 96, 1, 1, 7, 0, 8, 0x8001, 0) + bytes(8)
 
 
