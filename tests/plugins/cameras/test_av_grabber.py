@@ -168,7 +168,7 @@ def test_a_device_without_the_format_says_what_lists_its_own() -> None:
     assert "host, port" not in str(error)
 
 
-def test_the_size_that_is_asked_of_a_device_is_not_told_to_the_decoder(
+def test_the_size_that_is_requested_of_a_device_is_not_that_of_its_images(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A device that has no 160x120 sends its nearest size: read as 160x120 it was a jumble."""

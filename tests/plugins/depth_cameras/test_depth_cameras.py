@@ -366,7 +366,7 @@ def fails(text: str) -> Callable[[], None]:
     return call
 
 
-async def test_a_library_that_fails_as_it_opens_or_stops_is_said_and_hides_nothing(
+async def test_what_a_library_raises_as_it_opens_is_reported_and_as_it_stops_hides_nothing(
     library: Library, capfd: pytest.CaptureFixture[str]
 ) -> None:
     library.opening, library.stopping = fails("hwmon command failed"), fails("stop() failed")
