@@ -103,7 +103,8 @@ class ExternalSource:
         """Count and report that the source delivers nothing usable. again: the stall continues."""
         self._stalls += not again
         self._trouble = why
-        self._stalled(f"{self._side} {self._sensor}: {why}")
+        sensor = f"{self._side} {self._sensor}"  # some sources name it themselves
+        self._stalled(why if why.startswith(f"{sensor} ") else f"{sensor}: {why}")
 
     async def _run(self, source: ReadingSource[Reading], deliver: Deliver) -> None:
         since_s, is_silent = asyncio.get_running_loop().time(), False
