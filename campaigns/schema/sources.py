@@ -39,6 +39,13 @@ _SCHEMES: dict[str, SourceKind] = {
     "v4l2://": "v4l2",
     "/dev/": "v4l2",
 }
+_SHAPES: dict[SourceKind, tuple[str, str]] = {
+    "rtsp": (r"rtsps?://([^/\s]+@)?[^/@\s]+(/\S*)?", "rtsp://HOST/PATH"),
+    "rtp": (r"rtp://[^:/@\s]+:(?P<port>\d{1,5})/?", "rtp://HOST:PORT, as in rtp://0.0.0.0:5600"),
+    "v4l2": (r"(v4l2://)?/dev/[^\s/]+(/[^\s/]+)*", "/dev/videoN"),
+    "simulator": (r"tcp://[^/\s]+:(?P<port>\d{1,5})|ipc://\S+", "tcp://HOST:PORT, or ipc://PATH"),
+}
+"""The addresses of a kind of source, and how they are told."""
 _ONLY_FOR: dict[str, tuple[SourceKind, ...]] = {
     "transport": ("rtsp",),
     "format": ("v4l2",),
@@ -69,7 +76,7 @@ class SourcePart(Part):
     stall_s: Seconds = 1.0
     answer_ms: Annotated[float, Field(gt=0, le=10_000)] = 200.0
     transport: Literal["tcp", "udp"] = "tcp"
-    format: str | None = None
+    format: Annotated[str, Field(min_length=1)] | None = None
     topic: str | None = None
 
     @model_validator(mode="before")
@@ -79,14 +86,25 @@ class SourcePart(Part):
 
     @model_validator(mode="after")
     def _require_fitting_keys(self) -> "SourcePart":
-        if re.match(r"[a-z0-9+]+://", self.address) and self._scheme() is None:
+        if re.match(r"[A-Za-z0-9+]+://", self.address) and self._scheme() is None:
             known = ", ".join(scheme for scheme in _SCHEMES if scheme.endswith("://"))
             raise KeyFaultError(
                 "address", f"'{self.address}': the known schemes are {known}, and files"
             )
         if (kind := self._scheme()) is not None:  # a file's is known only when its folder is
+            self._require_shape(kind)
             self._require_effect(kind)
         return self
+
+    def _require_shape(self, kind: SourceKind) -> None:
+        """Refuse an address that no image source of a kind has. Raises KeyFaultError."""
+        if self.address.endswith(".sdp"):
+            return
+        pattern, shape = _SHAPES[kind]
+        match = re.fullmatch(pattern, self.address)
+        port = None if match is None else match.groupdict().get("port")
+        if match is None or (port is not None and not 0 < int(port) < 65536):
+            raise KeyFaultError("address", f"'{self.address}' is not {shape}")
 
     def _require_effect(self, kind: SourceKind) -> None:
         """Refuse keys without effect on a kind of image source. Raises KeyFaultError."""

@@ -1,6 +1,7 @@
 """External I/O of one run: opened before its vehicles, closed after them."""
 
 import asyncio
+import math
 import re
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -137,7 +138,7 @@ class ExternalIo:
             observer.attach_guard(guard)
 
     async def before_arming(self, *, unbooted: Mapping[str, frozenset[str]]) -> str:
-        """Check that motion capture and readings are received, and what observers need.
+        """Check that motion capture, images and readings are received, and what observers need.
 
         Return in words what was checked. unbooted: by vehicle the parameters that were changed
         while it ran. Raises SourceError, VehicleError.
@@ -147,6 +148,11 @@ class ExternalIo:
             checked.append("motion capture is received")
         if self._setup.clock == "wall":
             await self.captures.ready()
+        if live := [key for key, camera in self.cameras.items() if camera.is_live]:
+            since_s = asyncio.get_running_loop().time()
+            for key in live:
+                await self.cameras[key].ready(since_s=since_s)
+            checked.append(f"images of {', '.join(map(' '.join, live))} are received")
         if self.readings:
             checked.append(f"readings of {await self.readings.ready()} are received")
         checked += [await observer.before_arming(unbooted) for observer in self._observers]
@@ -298,6 +304,24 @@ class ExternalCamera(ExternalSource):
         )
         self._camera = camera
         self._setup = source
+
+    @property
+    def is_live(self) -> bool:
+        """Return whether the camera's images are live."""
+        return self._setup.shown_as == "live"
+
+    async def open(self, stack: AsyncExitStack) -> None:
+        """Open the external camera; a live one has an image. Raises SourceError."""
+        await super().open(stack)
+        await self.ready(since_s=-math.inf)
+
+    async def ready(self, *, since_s: float) -> None:
+        """Wait for an image of a live camera that arrived after a time. Raises SourceError."""
+        if self._source is None or not self.is_live:
+            return
+        async for reading in self._source:
+            if reading.arrived_s >= since_s:
+                return
 
     def _make_source(self) -> CameraSource:
         made: CameraSource = load_plugin_object(

@@ -109,13 +109,15 @@ class ExternalSource:
         """Count and report that the source delivers nothing usable. again: the stall continues."""
         self._stalls += not again
         self._trouble = why
-        self._stalled(f"{self._side} {self._sensor}: {why}")
+        sensor = f"{self._side} {self._sensor}"  # some sources name it themselves
+        self._stalled(why if why.startswith(f"{sensor} ") else f"{sensor}: {why}")
 
     async def _run(self, source: ReadingSource[Reading], deliver: Deliver) -> None:
-        since_s = asyncio.get_running_loop().time()
+        since_s, is_silent = asyncio.get_running_loop().time(), False
         while True:
             try:
                 async for received in source:
+                    is_silent = False
                     if received.arrived_s < since_s:
                         continue
                     reading = with_python_numbers(received)  # NumPy's cannot be recorded
@@ -123,7 +125,8 @@ class ExternalSource:
                     if source.kind == "file" or not self._report_frozen(reading):
                         deliver(reading)
             except SourceStalledError as error:
-                self._stall(str(error))
+                self._stall(str(error), again=is_silent)
+                is_silent = True
             else:
                 raise SourceError(f"{source.name}: the recording is over")
 

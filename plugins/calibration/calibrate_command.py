@@ -12,6 +12,7 @@ from typing import Annotated, Literal
 
 import cv2
 from cyclopts import Parameter
+from pydantic import ValidationError
 
 from wil_campaign.campaigns.schema.calibration import CalibrationPart
 from wil_campaign.campaigns.schema.sources import MocapPart, SourcePart
@@ -73,7 +74,7 @@ def _metres(millimetres: str) -> float:
     return metres
 
 
-_LIVE = ("rtsp://", "rtsps://", "rtp://", "v4l2://", "/dev/video")
+_LIVE = ("rtsp://", "rtsps://", "rtp://", "v4l2://", "/dev/")
 _CELL_PX = 100
 _WELL_COVERED = 0.6
 _COEFFICIENTS = {"4": 4, "5": 5, "8": 8}
@@ -239,8 +240,8 @@ def _live(address: str, size: str | None, seconds: float, mocap: MocapSetup | No
         raise OfflineError(f"--seconds {seconds:g}: must be between 1 and 3600")
     try:
         camera = SourcePart(address=address).setup(Path.cwd(), latency_s=0.0)
-    except KeyFaultError as error:
-        raise OfflineError(f"{address}: {error}") from error
+    except (ValidationError, KeyFaultError) as error:
+        raise OfflineError(_reason(error)) from error
     return LiveOrder(camera=camera, size=(int(match[1]), int(match[2])), for_s=seconds, mocap=mocap)
 
 
@@ -248,14 +249,15 @@ def _mocap(address: str, body: str, latency_ms: float) -> MocapSetup:
     """Return the motion capture setup of a live `calibrate`. Raises OfflineError."""
     try:
         return MocapPart(address=address, body=body, latency_ms=latency_ms).setup("real")
-    except ValueError as error:
+    except (ValidationError, KeyFaultError) as error:
         raise OfflineError(f"--poses {address}: for a live camera {_reason(error)}") from error
 
 
-def _reason(error: ValueError) -> str:
+def _reason(error: ValidationError | KeyFaultError) -> str:
     """Return the reason of a calibrate option's error, without pydantic's words."""
-    reasons = [line.strip() for line in str(error).splitlines() if "must be" in line]
-    return reasons[0].removeprefix("Value error, ").partition(" [type=")[0] if reasons else ""
+    if isinstance(error, KeyFaultError):
+        return str(error)
+    return error.errors()[0]["msg"].removeprefix("Value error, ")
 
 
 def _draw(board: Board, path: Path) -> int:

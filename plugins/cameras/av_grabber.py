@@ -12,13 +12,16 @@ ITU-T H.264: 7.3.1 (emulation prevention), 7.3.2.1.1 (sequence parameters), 7.3.
 
 import io
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import av
 
 from wil_campaign.plugins.cameras.av_input import (
+    EXPLODE,
     AvInput,
+    all_damaged_error,
+    grey_bits_fault,
     no_image_error,
     no_key_frame_error,
     opening_error,
@@ -28,6 +31,8 @@ from wil_campaign.plugins.cameras.live_camera import GrabbedImage
 from wil_campaign.vehicles.sources.camera_source import SourceError
 
 _SLICE, _IDR, _SPS = 1, 5, 7
+_ALONE = frozenset({"mjpeg", "rawvideo"})
+"""Codecs each of whose images is coded alone."""
 _WITH_CHROMA = frozenset({100, 110, 122, 244, 44, 83, 86, 118, 128, 138, 139, 134, 135})
 _HEADER_BYTES = 64
 """Enough of a unit for all fields that are read, but for scaling lists, which are rare."""
@@ -167,11 +172,19 @@ class AvGrabber:
     After lost or broken data every frame is held back until the next key frame, since a decoder
     continues from wrong frames without an error. A stream that is joined late starts with its
     first key frame: earlier frames are neither handed on nor counted as damaged.
+
+    stall_timeout_s: how long the reader waits for an image.
     """
 
-    def __init__(self, *, source: AvInput, open_timeout_s: float = 5.0) -> None:
+    def __init__(
+        self, *, source: AvInput, open_timeout_s: float = 5.0, stall_timeout_s: float = 0.0
+    ) -> None:
         self._source = source
         self._open_timeout_s = open_timeout_s
+        # A wait that is given up within a packet of RTSP over TCP leaves FFmpeg between the bytes
+        # of that packet, where it finds no other.
+        is_tcp = source.options.get("rtsp_transport") == "tcp"
+        self._read_timeout_s = max(_READ_TIMEOUT_S, stall_timeout_s if is_tcp else 0.0)
         self._container: Any = None
         self._stream: Any = None
         self._frames: Iterator[Any] = iter(())
@@ -192,7 +205,13 @@ class AvGrabber:
             if grabbed is not None and grabbed.image_bgr is not None:
                 self._first = grabbed
             elif time.monotonic() > deadline_s:
-                raise (no_key_frame_error if joined_late else no_image_error)(self._source.url)
+                raise self._late_error(joined_late=joined_late)(self._source.url)
+
+    def _late_error(self, *, joined_late: bool) -> Callable[[str], SourceError]:
+        if not joined_late:
+            return no_image_error
+        is_alone = self._stream.codec_context.name in _ALONE
+        return all_damaged_error if is_alone else no_key_frame_error
 
     def _open_stream(self, deadline_s: float) -> None:
         source = self._source
@@ -201,8 +220,11 @@ class AvGrabber:
             self._container = av.open(
                 io.BytesIO(session.encode()) if session is not None else source.url,
                 format=source.format,
-                options=dict(source.options),
-                timeout=(self._open_timeout_s, _READ_TIMEOUT_S),
+                options={} if source.kind == "v4l2" else dict(source.options),
+                # PyAV gives `options` to the decoder too, which would take the size asked of a
+                # device for the one that it sends.
+                container_options=dict(source.options) if source.kind == "v4l2" else {},
+                timeout=(self._open_timeout_s, self._read_timeout_s),
             )
         except (av.error.FFmpegError, OSError, ValueError) as error:
             # An interrupted wait shows as any of many errors, among them invalid data.
@@ -214,6 +236,9 @@ class AvGrabber:
         self._stream = self._container.streams.video[0]
         # With more threads several frames are decoded at once, and each is later.
         self._stream.codec_context.thread_count = 1
+        if self._stream.codec_context.name == "mjpeg":
+            # Else a JPEG that was cut off shows the image before in its lower part.
+            self._stream.codec_context.options = EXPLODE
         on_network = source.kind in {"rtp", "rtsp"}
         self._finds_losses = on_network and self._stream.codec_context.name == "h264"
         extradata = self._stream.codec_context.extradata
@@ -237,6 +262,8 @@ class AvGrabber:
         packet = self._next_packet()
         if packet is None:
             return None
+        if packet.size == 0:  # V4L2's way to tell of a damaged or cut off buffer
+            return GrabbedImage(None, _stamp_s(packet))
         try:
             self._frames = self._decode_packet(packet)
         except av.error.InvalidDataError:
@@ -260,7 +287,7 @@ class AvGrabber:
                 f"{redacted_address(self._source.url)}: the stream was lost: {error.strerror}; "
                 "check cable and network"
             ) from error
-        if packet is None or packet.size == 0:
+        if packet is None or (packet.size == 0 and packet.pts is None):
             raise SourceError(
                 f"{redacted_address(self._source.url)}: the stream has ended: its sender closed it"
             )
@@ -276,6 +303,8 @@ class AvGrabber:
         self._broken = frame.is_corrupt or (self._broken and not frame.key_frame)
         if self._broken:
             return GrabbedImage(None, frame.time)
+        if why := grey_bits_fault(frame.format):
+            raise SourceError(f"{redacted_address(self._source.url)}: {why}")
         return GrabbedImage(frame.to_ndarray(format="bgr24"), frame.time)
 
 

@@ -4,7 +4,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import av
 
@@ -27,6 +27,9 @@ _NETWORK: Mapping[str, str] = {
     # For a thread that cannot read at once; the kernel grants at most net.core.rmem_max.
     "buffer_size": "4194304",
 }
+
+EXPLODE: Mapping[str, str] = {"err_detect": "explode"}
+"""Of MJPEG alone: a damaged image is an error then. Damaged notes beside the pixels are none."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,11 +144,30 @@ _REMEDIES: tuple[tuple[type[Exception], str], ...] = (
 )
 
 
+def grey_bits_fault(pixels: Any) -> str:
+    """Return what is wrong with PyAV's format of grey images beyond 8 bits; "" for all others.
+
+    Their upper 8 bits, which a conversion keeps, are nearly black of a sensor with 12.
+    """
+    bits = max(component.bits for component in pixels.components)
+    if bits <= 8 or len(pixels.components) > 1:
+        return ""
+    return (
+        f"its images are grey with {bits} bits, and a camera's have 8; take another format of the "
+        "camera, or scale them to 8 bits by the range of your sensor"
+    )
+
+
 def no_image_error(address: str) -> SourceError:
     """Return the error of a camera input from which no image came in time."""
+    sent = ""
+    if address.startswith("rtp://"):
+        sent = ", as H.264 with payload type 96"
+    elif address.endswith(".sdp"):
+        sent = ", with the payload type that this file has"
     return SourceError(
         f"{redacted_address(address)}: no image arrived in time; check that it is sent to this "
-        "host and port"
+        f"host and port{sent}"
     )
 
 
@@ -153,7 +175,16 @@ def no_key_frame_error(address: str) -> SourceError:
     """Return the error of a camera input in which nothing can be decoded."""
     return SourceError(
         f"{redacted_address(address)}: video arrives without a key frame to start decoding from; "
-        "have the sender send one every second (keyint, GOP, I-frame interval), or wait longer"
+        "have the sender send one every second (keyint, GOP, I-frame interval), with its parameter "
+        "sets (GStreamer: rtph264pay config-interval=1), or wait longer"
+    )
+
+
+def all_damaged_error(address: str) -> SourceError:
+    """Return the error of a camera input whose images, each coded alone, were all damaged."""
+    return SourceError(
+        f"{redacted_address(address)}: each of its images arrives damaged or cut off; check the "
+        "camera's power, cable and network, or ask it for less (size, rate)"
     )
 
 
@@ -166,6 +197,11 @@ def opening_error(address: str, error: Exception) -> SourceError:
         if isinstance(error, kind):
             return SourceError(f"{name}: {remedy}")
     reason = getattr(error, "strerror", None) or str(error)
+    if address.startswith("/dev/") and isinstance(error, ValueError):
+        return SourceError(
+            f"{name}: cannot be opened: {reason}; it may have no such size or `format`: "
+            f"`v4l2-ctl -d {name} --list-formats-ext` lists its own"
+        )
     busy = "resource busy" in reason.lower() or "address already in use" in reason.lower()
     remedy = "another program uses it; end that program" if busy else "check host, port and path"
     return SourceError(f"{name}: cannot be opened: {reason}; {remedy}")

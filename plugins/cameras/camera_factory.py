@@ -86,7 +86,9 @@ def live_camera(
         )
     return LiveCamera(
         name=redacted_address(address),
-        grabber=AvGrabber(source=source, open_timeout_s=open_timeout_s),
+        grabber=AvGrabber(
+            source=source, open_timeout_s=open_timeout_s, stall_timeout_s=stall_timeout_s
+        ),
         intrinsics=intrinsics,
         side=side,
         latency_s=latency_s,

@@ -12,7 +12,7 @@ from wil_campaign.foundation.files.images import ImageError, check_image_size, r
 from wil_campaign.foundation.files.lfs import LFS_POINTER, is_lfs_file
 from wil_campaign.foundation.files.limits import MAX_IMAGE_PIXELS
 from wil_campaign.foundation.files.paths import is_file
-from wil_campaign.plugins.cameras.av_input import opening_error
+from wil_campaign.plugins.cameras.av_input import EXPLODE, grey_bits_fault, opening_error
 from wil_campaign.plugins.cameras.camera_images import decode_camera_image
 from wil_campaign.plugins.cameras.recorded_camera import RecordedImage
 from wil_campaign.vehicles.sources.camera_source import IMAGE_SUFFIXES, SourceError
@@ -58,7 +58,9 @@ class VideoFile:
         # One thread: some decoders conceal errors per thread, so that images depend on the machine.
         stream.codec_context.thread_count = 1
         self._check_size(stream.codec_context.width, stream.codec_context.height)
-        stream.codec_context.options = {"max_pixels": str(MAX_IMAGE_PIXELS)}
+        # A damaged JPEG would show the image before in a part of it.
+        strict = EXPLODE if stream.codec_context.name == "mjpeg" else {}
+        stream.codec_context.options = {"max_pixels": str(MAX_IMAGE_PIXELS), **strict}
         self._stated_s = _stated_end_s(stream.metadata.get("DURATION", ""))
         ticks = _LENGTHS.get(self._container.format.name, lambda _: 0)(stream) or 0
         if ticks:
@@ -116,6 +118,8 @@ class VideoFile:
                 f"{self.name}: the file is damaged at {frame.time} s; copy it again, or cut it "
                 "before that"
             )
+        if why := grey_bits_fault(frame.format):
+            raise SourceError(f"{self.name}: {why}")
         if frame.time is None:
             raise SourceError(
                 f"{self.name}: its images have no time stamps; remux it: "

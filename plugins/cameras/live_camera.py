@@ -9,6 +9,7 @@ import asyncio
 import threading
 from collections import deque
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Literal, Protocol, Self
 
@@ -226,7 +227,7 @@ class LiveCamera:
         """Return the error of a stall. damaged: how many images were, before it began."""
         unusable, others = self._damaged - damaged, ""
         if unusable:
-            others = f" ({unusable} incomplete, or without a time of their own that goes on)"
+            others = f" ({unusable} incomplete, a second late, or with a time that does not go on)"
         return SourceStalledError(
             f"{self.name}: no image for {self._stall_timeout_s:g} s after "
             f"{self._delivered} images{others}; check the camera's power, cable and network"
@@ -260,4 +261,5 @@ class LiveCamera:
         except Exception as error:  # noqa: BLE001 - a thread's error must reach the reader
             handoff.end(SourceError(f"{self.name}: {type(error).__name__}: {error}"))
         finally:
-            self._grabber.close()
+            with suppress(Exception):  # what was taken is whole; one that is gone cannot be closed
+                self._grabber.close()

@@ -2,8 +2,10 @@
 
 import asyncio
 import threading
+from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
-from typing import Protocol, Self
+from typing import Any, Protocol, Self
 
 from wil_campaign.vehicles.readings import DepthImage, DepthReading
 from wil_campaign.vehicles.sources.arrival_clock import ArrivalClock
@@ -14,6 +16,8 @@ from wil_campaign.worlds.camera import Intrinsics
 
 _STOP_S = 2.0
 """A thread that has not ended this long after the request is abandoned."""
+_OPENING_MARGIN_S = 2.0
+"""How long a grabber may take beyond its time to open: its last wait ends, its error says why."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,17 +69,18 @@ class GrabbedReadings(LiveReadings):
         self._grabber = grabber
         self._clock = ArrivalClock(latency_s=request.latency_s)
         self._stop = threading.Event()
-        self._thread: threading.Thread | None = None
+        self._opened = asyncio.Event()
+        self._error: SourceError | None = None
 
     async def __aenter__(self) -> Self:
         """Open the depth camera, and wait for its first image. Raises SourceError."""
         loop = asyncio.get_running_loop()
+        self._thread = threading.Thread(
+            target=self._run, args=(loop,), name=f"depth {self.name}", daemon=True
+        )
+        self._thread.start()
         try:
-            await asyncio.to_thread(self._grabber.open)
-            self._thread = threading.Thread(
-                target=self._run, args=(loop,), name=f"depth {self.name}", daemon=True
-            )
-            self._thread.start()
+            await self._wait_until_open()
             await self._wait_for_first(self._request.open_s)
         except BaseException:
             await self.__aexit__()
@@ -83,29 +88,38 @@ class GrabbedReadings(LiveReadings):
         return self
 
     async def __aexit__(self, *_: object) -> None:
-        """Stop the depth camera's thread, and close it."""
+        """Stop the depth camera's thread, which closes it."""
         self._stop.set()
-        if self._thread is None:
-            self._grabber.close()
-        else:
-            await asyncio.to_thread(self._thread.join, _STOP_S)
+        await asyncio.to_thread(self._thread.join, _STOP_S)
+
+    async def _wait_until_open(self) -> None:
+        open_s = self._request.open_s
+        try:
+            async with asyncio.timeout(open_s + _OPENING_MARGIN_S):
+                await self._opened.wait()
+        except TimeoutError as error:
+            raise SourceError(
+                f"{self.name}: did not open within {open_s:g} s; check that the device answers "
+                "other programs"
+            ) from error
+        if self._error is not None:
+            raise self._error
 
     def _run(self, loop: asyncio.AbstractEventLoop) -> None:
         try:
+            self._grabber.open()
+            _call(loop, self._opened.set)
             while not self._stop.is_set():
                 if (grabbed := self._grabber.grab()) is not None:
-                    self._hand_on(loop, grabbed)
+                    _call(loop, self._receive, grabbed, loop.time())
         except Exception as error:  # noqa: BLE001 - a thread's error must reach the reader
-            why = (
-                str(error) if isinstance(error, SourceError) else f"{type(error).__name__}: {error}"
-            )
-            self._hand_on(loop, GrabbedDepth(None, why=why))
+            why = f"{self.name}: {type(error).__name__}: {error}"
+            self._error = error if isinstance(error, SourceError) else SourceError(why)
+            _call(loop, self.refuse, str(self._error))
+            _call(loop, self._opened.set)
         finally:
-            self._grabber.close()
-
-    def _hand_on(self, loop: asyncio.AbstractEventLoop, grabbed: GrabbedDepth) -> None:
-        if not loop.is_closed():
-            loop.call_soon_threadsafe(self._receive, grabbed, loop.time())
+            with suppress(Exception):  # what was taken is whole; one that is gone cannot be closed
+                self._grabber.close()
 
     def _receive(self, grabbed: GrabbedDepth, arrived_s: float) -> None:
         """Take an image that arrived at a time of the run clock."""
@@ -125,3 +139,9 @@ class GrabbedReadings(LiveReadings):
             mount=self._request.mount,
         )
         self.offer(reading, skipped=grabbed.skipped)
+
+
+def _call(loop: asyncio.AbstractEventLoop, function: Callable[..., None], *given: Any) -> None:
+    """Call a function in a loop, unless that has ended; from a thread."""
+    with suppress(RuntimeError):
+        loop.call_soon_threadsafe(function, *given)

@@ -37,10 +37,16 @@ _REMEDY = (
 
 
 class DepthLines:
-    """Puts the lines of depth images together; pure. width_px, height_px: of each image."""
+    """Puts the lines of depth images together; pure.
 
-    def __init__(self, *, width_px: int, height_px: int) -> None:
+    width_px, height_px: of each image. rate_hz: of images, to count those that never arrived by the
+    gaps in the stamps; None when it varies.
+    """
+
+    def __init__(self, *, width_px: int, height_px: int, rate_hz: float | None = None) -> None:
         self._size = (height_px, width_px)
+        self._rate_hz = rate_hz
+        self._skipped = 0
         self._pixels = np.zeros(self._size, ">u2")
         self._there = np.zeros(self._size, np.bool_)
         self._sender: int | None = None
@@ -69,8 +75,11 @@ class DepthLines:
         return (stamp - self._stamp + 2**31) % 2**32 - 2**31
 
     def _late_packet(self, stamp: int) -> GrabbedDepth | None:
-        """Count an image all of whose packets were overtaken; others were counted as lost lines."""
-        if stamp in self._begun:
+        """Count an image all of whose packets were overtaken, unless the gap there was counted.
+
+        Others were counted as lost lines.
+        """
+        if stamp in self._begun or self._rate_hz is not None:
             return None
         self._begun.append(stamp)
         return GrabbedDepth(None, why="its packets arrived after those of a later image")
@@ -85,9 +94,11 @@ class DepthLines:
         self._there[:] = False
         if goes_on:
             self._stamp_s += ahead / _CLOCK_HZ
+            self._skipped += max(0, round(ahead / _CLOCK_HZ * (self._rate_hz or 0.0)) - 1)
         else:  # it restarted
             self._stamp_s = stamp / _CLOCK_HZ
             self._begun.clear()
+            self._skipped = 0
         self._sender, self._stamp, self._is_open = sender, stamp, True
         self._begun.append(stamp)
         return before
@@ -102,7 +113,8 @@ class DepthLines:
                 f"the sender's images are smaller than {width_px}x{height_px}"
             )
             return GrabbedDepth(None, why=why)
-        return GrabbedDepth(metres_of_depths(self._pixels), self._stamp_s)
+        skipped, self._skipped = self._skipped, 0
+        return GrabbedDepth(metres_of_depths(self._pixels), self._stamp_s, skipped)
 
     def _add_lines(self, payload: bytes) -> None:
         at, lines, more = 2, [], True  # after the high half of the sequence number
@@ -144,7 +156,9 @@ class RtpDepth:
 
     def __init__(self, request: SourceRequest) -> None:
         camera, self._address = depth_camera_of_request(request), request.address
-        self._lines = DepthLines(width_px=camera.width_px, height_px=camera.height_px)
+        self._lines = DepthLines(
+            width_px=camera.width_px, height_px=camera.height_px, rate_hz=request.rate_hz
+        )
         self._socket: socket.socket | None = None
 
     def open(self) -> None:

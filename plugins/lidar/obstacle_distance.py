@@ -77,6 +77,8 @@ def _beam_ranges(
             f"{math.degrees(first_rad):g}: set fov_deg to the width of the sectors"
         )
     distances = np.asarray(distances_cm[:count])
+    if (distances[sectors] == UINT16_MAX).all():
+        raise UnusableReadingError("each of its sectors is unknown: its lidar sends nothing")
     empty = (distances == UINT16_MAX) | (distances * CM > high_m)
     ranges = np.where(empty, np.inf, distances * CM).astype(np.float32)
     found: Ranges = ranges[sectors]

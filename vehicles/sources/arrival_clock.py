@@ -1,7 +1,8 @@
 """Maps a sender's clock to the run clock by the arrival times of its messages alone; pure.
 
 The message with the least delay gives the best estimate of the offset; later ones were delayed.
-The minimum is taken over the last seconds, so that the rates of the clocks may differ a little.
+The minimum is taken over the last seconds, so that the rates of the clocks may differ a little. A
+delay that grows more than clocks differ is no clock's: a buffer fills, and its readings are old.
 The least delay itself cannot be observed: it is measured once (`calibrate`) and handed in as
 `latency_s`.
 """
@@ -11,6 +12,8 @@ from collections import deque
 
 _JUMP_S = 1.0
 """A stamp that is early by more than this is no jitter: the sender's clock was set."""
+_APART = 1e-3
+"""The rates of two clocks differ by less: crystals by 1e-4."""
 _STEP_S = 0.1
 """A stamp that goes back by less is that of a sender that stamps unevenly, and no restart."""
 _MOST_RESTARTS, _WITHIN_S = 6, 5.0
@@ -31,6 +34,9 @@ class ArrivalClock:
         self._since_s = -math.inf
         self._current_s = math.inf
         self._previous_s = math.inf
+        self._ever_s = math.inf
+        """The least delay since the sender started, as its clock may have gone since; at a time."""
+        self._ever_at_s = -math.inf
         self.resets = 0
 
     def run_time(self, sender_s: float | None, arrived_s: float) -> float:
@@ -60,9 +66,12 @@ class ArrivalClock:
 
     @property
     def _least_s(self) -> float:
-        return min(self._current_s, self._previous_s)
+        return min(self._current_s, self._previous_s, self._ever_s)
 
     def _add_delay(self, delay_s: float, arrived_s: float) -> None:
+        since_s = max(0.0, arrived_s - self._ever_at_s)
+        self._ever_s = min(delay_s, self._ever_s + _APART * since_s)
+        self._ever_at_s = arrived_s
         if arrived_s - self._since_s > self._window_s:
             self._since_s, self._previous_s, self._current_s = arrived_s, self._current_s, delay_s
         else:
@@ -72,6 +81,7 @@ class ArrivalClock:
         self._since_s = -math.inf
         self._current_s = math.inf
         self._previous_s = math.inf
+        self._ever_s = math.inf
 
 
 class RestartMeter:

@@ -37,7 +37,10 @@ def needs(files: Files) -> list[str]:
     [
         ("rtsp://camera.local/main", "rtsp"),
         ("rtp://127.0.0.1:5600", "rtp"),
+        ("rtsps://user:p@ss/word@camera:554/a?b=1&c=/d", "rtsp"),
         ("/dev/video0", "v4l2"),
+        ("v4l2:///dev/v4l/by-id/usb-a:b_0-index0", "v4l2"),
+        ("ipc:///tmp/sim", "simulator"),
         ("tcp://127.0.0.1:5555", "simulator"),
     ],
 )
@@ -79,6 +82,15 @@ def test_a_source_has_its_times(files: Files) -> None:
     [
         ("none.mp4", "there is no file or folder 'none.mp4' beside the campaign"),
         ("http://camera/x", "the known schemes are rtsp://"),
+        ("RTSP://camera/x", "the known schemes are rtsp://"),
+        ("rtp://0.0.0.0", "'rtp://0.0.0.0' is not rtp://HOST:PORT, as in rtp://0.0.0.0:5600"),
+        ("rtp://camera:99999", "is not rtp://HOST:PORT"),
+        ("'rtp://[::1]:5600'", "is not rtp://HOST:PORT"),
+        ("'rtsp://'", "is not rtsp://HOST/PATH"),
+        ("v4l2://video0", "is not /dev/videoN"),
+        ("/dev/", "is not /dev/videoN"),
+        ("tcp://127.0.0.1", "is not tcp://HOST:PORT, or ipc://PATH"),
+        ("{address: /dev/video0, format: ''}", "must not be empty"),
         ("{address: 'rtp://h:5600', topic: /camera}", "has no effect on a source of rtp"),
         ("{address: 'tcp://h:5600', latency_ms: 9}", "has no effect on a source of simulator"),
         ("{address: '.', topic: /camera}", "has no effect on a source of images"),

@@ -105,14 +105,15 @@ async def test_a_live_camera_that_stalls_says_so_and_may_go_on(
     sending: Sending, free_port: int
 ) -> None:
     sender = sending(free_port)
-    one, seen, stalls = live(free_port, stall_s=1.5), list[Reading](), list[str]()
+    one, seen, stalls = live(free_port, stall_s=1.5, open_s=30.0), list[Reading](), list[str]()
     one.on_stall(stalls.append)
     async with AsyncExitStack() as stack:
         await one.open(stack)
         running = asyncio.create_task(one.run(seen.append))
         await until(lambda: len(seen) >= 3)
         await asyncio.to_thread(sender.stop)
-        await until(lambda: bool(stalls))
+        await until(lambda: len(stalls) > 1)
+        assert one.result.stalls == 1, "it goes on"
         before = len(seen)
         sending(free_port)
         await until(lambda: len(seen) > before)
@@ -136,3 +137,31 @@ async def test_a_live_camera_whose_size_changes_is_lost_with_the_reason(
     shapes = {reading.image_bgr.shape for reading in seen if isinstance(reading, CameraReading)}
     assert shapes <= {(120, 160, 3)}
     assert "images are 320x240" in one.result.trouble
+
+
+async def test_a_live_camera_of_another_size_is_known_before_anything_flies(
+    sending: Sending, free_port: int
+) -> None:
+    sending(free_port)
+    address = SourceSetup(kind="rtp", address=f"rtp://127.0.0.1:{free_port}", open_s=30.0)
+    async with AsyncExitStack() as stack:
+        with pytest.raises(ImageChangedError, match=r"images are 160x120.*640x480"):
+            await camera(address, 640, 480).open(stack)
+
+
+async def test_a_live_camera_that_died_before_arming_is_known_before_arming(
+    sending: Sending, free_port: int
+) -> None:
+    sender, loop = sending(free_port), asyncio.get_running_loop()
+    one = live(free_port, stall_s=1.5, open_s=30.0)
+
+    async def as_long_as_images_come() -> None:
+        while True:  # a busy machine takes what was sent before for a while
+            await one.ready(since_s=loop.time())
+
+    async with AsyncExitStack() as stack, asyncio.timeout(60.0):
+        await one.open(stack)
+        await one.ready(since_s=loop.time())
+        await asyncio.to_thread(sender.stop)
+        with pytest.raises(SourceError, match=r"no image for 1\.5 s"):
+            await as_long_as_images_come()

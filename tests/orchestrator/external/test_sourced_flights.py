@@ -159,6 +159,18 @@ def test_a_live_camera_that_stalls_or_dies_in_flight(
         assert str(error) in result.reason
 
 
+def test_a_live_camera_that_dies_before_arming_keeps_the_vehicles_on_the_ground(
+    fly_run: Fly, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def opened(_: str, *, intrinsics: Any, **__: Any) -> FakeLive:
+        return FakeLive(intrinsics, 0.5, SourceStalledError("it is dark"), freezes=False)
+
+    monkeypatch.setattr("wil_campaign.plugins.cameras.camera_factory.live_camera", opened)
+    result, folder = fly_run(cameras=SMALL_CAMERAS, sets=source("rtp://127.0.0.1:5600"))
+    assert (result.verdict, result.reason) == ("ERROR", "it is dark")
+    assert "takeoff" not in [line["stage"] for line in log_of(folder) if line["event"] == "stage"]
+
+
 @pytest.mark.parametrize("freezes", [True, False])
 def test_a_live_camera_that_repeats_its_last_image_with_new_stamps_proves_nothing(
     fly_run: Fly, monkeypatch: pytest.MonkeyPatch, freezes: bool

@@ -259,6 +259,11 @@ def test_files_and_options_that_cannot_be_used(
             ["calibrate", "/dev/video7", *board, *out, "--size", "640x480", "--poses", "nowhere"],
             "must be udp://HOST:PORT",
         ),
+        (
+            ["calibrate", "/dev/video7", *board, *out, "--size", "640x480", "--poses", "vrpn://h"],
+            "for a live camera VRPN is not read any more",
+        ),
+        (["calibrate", "rtp://h", *board, *out, "--size", "640x480"], "is not rtp://HOST:PORT"),
         (["calibrate", "--board", "chessboard:9x6:25mm", "--draw", "b.png"], "ChArUco boards only"),
         (["calibrate", "--board", BOARD, "--draw", "b.txt"], "end its name with .png"),
     ):

@@ -83,7 +83,7 @@ def test_a_still_behind_an_encoder_is_frozen(
     assert longest < 10, "it is not found by equal images"
     said = watched(images, step_m=step_m, step_rad=step_rad)
     assert said
-    assert "images, since " in said[0]
+    assert " images, in " in said[0]
     assert said[0].endswith("the sensor is frozen")
     assert not watched(images, step_m=0.01)
 
@@ -100,3 +100,19 @@ def test_a_camera_that_sees_is_not_frozen() -> None:
     assert not watched([noisy(wall, rng) for _ in range(60)]), "nothing to see"
     wall[:20] = wall[-20:] = 0.0
     assert not watched([noisy(wall, rng) for _ in range(60)]), "bars above and below"
+
+
+@pytest.mark.parametrize(("level", "word"), [(2.0, "black"), (255.0, "white")])
+def test_a_camera_that_is_covered_or_dazzled_shows_nothing(level: float, word: str) -> None:
+    """Its noise alone made no two images equal: a gate was drawn into black, and passed."""
+    rng, image = np.random.default_rng(3), np.full((SIZE[1], SIZE[0], 3), level)
+    blank = [noisy(image, rng) for _ in range(60)]
+    said = watched(blank)
+    assert f"its images were {word} all over for 1.00 s" in said[0]
+    assert len(said) == 45, "from a second on"
+    assert not watched(blank, step_m=0.005), "on the ground, or at one place"
+    sees = noisy(scene(), rng)
+    assert not watched([sees if k % 14 == 0 else one for k, one in enumerate(blank)])
+    dark = image.copy()
+    dark[100:140, 100:140] = 128.0
+    assert not watched([noisy(dark, rng) for _ in range(60)]), "a lamp at night"

@@ -136,7 +136,7 @@ async def test_a_camera_of_which_nothing_is_usable_has_stalled(what: str) -> Non
         grabber.put(0, 1.0)
         await anext(source)
         task = asyncio.create_task(sending())
-        said = r"no image for 0\.3 s after 1 images \(\d+ incomplete, or without a time"
+        said = r"no image for 0\.3 s after 1 images \(\d+ incomplete, a second late, or with a time"
         for _ in range(2):
             with pytest.raises(SourceStalledError, match=said):
                 async with asyncio.timeout(10.0):
@@ -216,3 +216,18 @@ async def test_the_loop_is_never_held_up() -> None:
         await anext(source)
     await turning
     assert waited == [True]
+
+
+async def test_a_device_that_cannot_be_closed_hides_nothing(
+    capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def close() -> None:
+        raise OSError(19, "No such device")
+
+    grabber = FakeGrabber()
+    monkeypatch.setattr(grabber, "close", close)
+    async with camera(grabber) as source:
+        grabber.things.put(SourceError("unplugged"))
+        with pytest.raises(SourceError, match="unplugged"):
+            await anext(source)
+    assert "Traceback" not in capfd.readouterr().err

@@ -215,6 +215,17 @@ def test_a_video_of_single_images_that_was_cut_short_says_so(tmp_path: Path, nam
     refused(VideoFile(path=path), "is cut off: its last image is at 2.900 s, and it states 4.000 s")
 
 
+def test_a_video_of_single_images_one_of_which_is_damaged_says_so(tmp_path: Path) -> None:
+    """Its lower part showed the image before."""
+    path = mjpeg(tmp_path / "v.avi", [k / 10 for k in range(20)])
+    with av.open(str(path)) as container:
+        (at, size) = [(one.pos, one.size) for one in container.demux(video=0)][9]
+    data = bytearray(path.read_bytes())
+    data[at + 8 + size // 2 : at + 8 + size] = bytes(size - size // 2)
+    path.write_bytes(data)
+    refused(VideoFile(path=path), "the file is damaged")
+
+
 def test_a_video_whose_last_image_is_shown_for_long_is_whole(tmp_path: Path) -> None:
     path = mjpeg(tmp_path / "v.mov", [0.0, 0.1, 0.2])
     whole = VideoFile(path=path)

@@ -6,7 +6,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import suppress
-from itertools import pairwise
+from itertools import count, pairwise
 from pathlib import Path
 from typing import Any, Self
 
@@ -271,10 +271,11 @@ class RtspServer:
 
     def _run(self) -> None:
         connection, _ = self._socket.accept()
+        self._connection = connection
         with connection, suppress(ConnectionError):
             text = ""
-            while data := connection.recv(4096).decode():
-                text += data
+            while data := connection.recv(4096):
+                text += data.decode("utf-8", "replace")
                 while "\r\n\r\n" in text:
                     request, text = text.split("\r\n\r\n", 1)
                     connection.sendall(self._reply(request))
@@ -295,6 +296,53 @@ class RtspServer:
             self._sending(self._client)
             head += ["Session: 1"]
         return ("\r\n".join(["RTSP/1.0 200 OK", *head]) + "\r\n\r\n" + body).encode()
+
+
+class InterleavedServer(RtspServer):
+    """The same with all packets on the one connection (RFC 2326, 10.12); it pauses within one."""
+
+    def __init__(self, sending: Sending, *, pause_s: float) -> None:
+        super().__init__(sending)
+        self._pause_s = pause_s
+        self._packets = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._packets.bind(("127.0.0.1", 0))
+        self.has_paused = False
+
+    def _reply(self, request: str) -> bytes:
+        if request.startswith("SETUP"):
+            cseq = request.split("CSeq: ")[1].split("\r\n", maxsplit=1)[0]
+            transport = "Transport: RTP/AVP/TCP;unicast;interleaved=0-1"
+            return f"RTSP/1.0 200 OK\r\nCSeq: {cseq}\r\n{transport}\r\nSession: 1\r\n\r\n".encode()
+        if request.startswith("PLAY"):
+            self._client = self._packets.getsockname()[1]
+            threading.Thread(target=self._interleave, daemon=True).start()
+        return super()._reply(request)
+
+    def _interleave(self) -> None:
+        with suppress(OSError), self._packets:
+            for k in count():
+                packet = self._packets.recv(65_536)
+                framed = b"$\0" + len(packet).to_bytes(2, "big") + packet
+                if k == 100:
+                    self._connection.sendall(framed[: len(framed) // 2])
+                    time.sleep(self._pause_s)
+                    self.has_paused = True
+                    framed = framed[len(framed) // 2 :]
+                self._connection.sendall(framed)
+
+
+async def test_a_pause_within_a_packet_of_rtsp_over_tcp_ends_nothing(
+    sending: Sending, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(av_grabber, "_READ_TIMEOUT_S", 0.1)
+    with InterleavedServer(sending, pause_s=0.5) as server:
+        address = f"rtsp://127.0.0.1:{server.port}/video"
+        async with live_camera(address, intrinsics=CAMERA, **PATIENT) as source:
+            readings: list[CameraReading] = []
+            while len(readings) < 30 or not server.has_paused:
+                readings.append(await anext(source))
+            readings += await taken(source, 10)
+    assert min(right_picture_db(reading) for reading in readings) > 30
 
 
 @pytest.mark.parametrize(
@@ -319,7 +367,9 @@ async def test_a_stream_that_cannot_be_opened_is_refused_in_words(address: str, 
 async def test_a_port_where_nothing_comes_is_reported_in_time(free_port: int) -> None:
     loop = asyncio.get_running_loop()
     start_s = loop.time()
-    with pytest.raises(SourceError, match="no image arrived in time"):
+    with pytest.raises(
+        SourceError, match=r"no image arrived in time.* H\.264 with payload type 96"
+    ):
         async with live_camera(
             f"rtp://127.0.0.1:{free_port}", intrinsics=CAMERA, open_timeout_s=0.4
         ):

@@ -5,6 +5,8 @@ import math
 import socket
 import struct
 import sys
+import threading
+from collections.abc import Callable
 from fractions import Fraction
 from types import SimpleNamespace
 from typing import Any
@@ -14,6 +16,7 @@ import numpy as np
 import pytest
 
 from tests.ports import free_port
+from wil_campaign.plugins.depth_cameras import depth_grabber
 from wil_campaign.plugins.depth_cameras.depth_grabber import GrabbedDepth, GrabbedReadings
 from wil_campaign.plugins.depth_cameras.realsense import open_realsense, realsense_fault
 from wil_campaign.plugins.depth_cameras.rtp_depth import (
@@ -196,6 +199,17 @@ def test_an_image_that_later_ones_overtook_is_counted_once() -> None:
     assert "after those of a later image" in results[1].why
 
 
+def test_images_that_never_arrived_are_counted_by_the_stamps() -> None:
+    values = np.arange(1, 25).reshape(6, 4)
+    lines = DepthLines(width_px=4, height_px=6, rate_hz=15.0)
+    broken = packets(values, 8 * 6000)[1:]
+    sent = [packets(values, k * 6000) for k in (1, 2, 5, 6)] + [broken]
+    sent += [packets(values, k * 6000) for k in (10, 11)] + [packets(values, 900, sender=8)]
+    results = [one for image in sent for packet in image if (one := lines.receive(packet))]
+    assert [one.skipped for one in results] == [0, 0, 2, 0, 0, 2, 0, 0]
+    assert [one.depth_m is None for one in results].index(True) == 4
+
+
 INTERLACED = struct.pack(">BBHIIHHHH", 0x80, 96, 1, 1, 7, 0, 8, 0x8001, 0) + bytes(8)
 
 
@@ -252,6 +266,8 @@ class Library:
         self.shape = (HEIGHT, WIDTH)
         self.trouble = ""
         self.stopped = 0
+        self.opening: Callable[[], None] = lambda: None
+        self.stopping: Callable[[], None] = lambda: None
 
     def config(self) -> Any:
         return SimpleNamespace(
@@ -268,12 +284,13 @@ class Library:
         scale = SimpleNamespace(get_depth_scale=lambda: 0.0001)
         profile = SimpleNamespace(get_intrinsics=lambda: self.lens)
         return SimpleNamespace(
-            get_device=lambda: SimpleNamespace(first_depth_sensor=lambda: scale),
+            get_device=lambda: SimpleNamespace(first_depth_sensor=lambda: self.opening() or scale),
             get_stream=lambda kind: SimpleNamespace(as_video_stream_profile=lambda: profile),
         )
 
     def stop(self) -> None:
         self.stopped += 1
+        self.stopping()
 
     def try_wait_for_frames(self, timeout_ms: int) -> tuple[bool, Any]:
         number = next(self.numbers, None)
@@ -338,6 +355,39 @@ async def test_a_realsense_that_does_not_fit_is_refused(library: Library) -> Non
     assert "its focal length is 400 px" in await opening(library)
     library.lens.fx, library.shape = LENS.fx_px, (2, 2)
     assert "an image of uint16 (2, 2)" in await opening(library)
+
+
+def fails(text: str) -> Callable[[], None]:
+    """Return a call of the library that fails as all of its calls do."""
+
+    def call() -> None:
+        raise RuntimeError(text)
+
+    return call
+
+
+async def test_what_a_library_raises_as_it_opens_is_reported_and_as_it_stops_hides_nothing(
+    library: Library, capfd: pytest.CaptureFixture[str]
+) -> None:
+    library.opening, library.stopping = fails("hwmon command failed"), fails("stop() failed")
+    assert "real depth from realsense://any: RuntimeError: hwmon" in await opening(library)
+    library.opening = lambda: None
+    async with open_realsense(request("realsense://any")) as live:
+        await anext(live)
+    assert library.stopped == 2
+    assert "Traceback" not in capfd.readouterr().err
+
+
+async def test_a_device_that_does_not_open_is_not_waited_for_without_end(
+    library: Library, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    answers = threading.Event()
+    library.opening = lambda: answers.wait(30.0) and None
+    monkeypatch.setattr(depth_grabber, "_OPENING_MARGIN_S", 0.1)
+    monkeypatch.setattr(depth_grabber, "_STOP_S", 0.1)
+    async with asyncio.timeout(20.0):
+        assert "did not open within 0.5 s" in await opening(library)
+    answers.set()
 
 
 async def test_without_the_library_the_message_says_how_to_get_it(

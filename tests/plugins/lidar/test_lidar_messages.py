@@ -125,3 +125,13 @@ def test_beams_that_are_in_no_sector_are_refused() -> None:
         ranges(scan({}, increment=2))
     with pytest.raises(UnusableReadingError, match="no width"):
         ranges(scan({}, increment=0))
+
+
+def test_a_scan_of_which_nothing_is_known_is_not_a_free_room() -> None:
+    """PX4 goes on sending it when the lidar behind it has died."""
+    with pytest.raises(UnusableReadingError, match="each of its sectors is unknown"):
+        ranges(scan({}, others=65535))
+    ahead = LidarOptions(beams=5, fov_deg=20.0)
+    with pytest.raises(UnusableReadingError, match="each of its sectors is unknown"):
+        ranges(scan({36: 300}, others=65535), ahead)
+    assert all(map(math.isinf, ranges(scan({}))))

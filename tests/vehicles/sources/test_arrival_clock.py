@@ -38,6 +38,20 @@ def test_a_drifting_clock_is_followed() -> None:
         assert abs(found_s - sampled_s) < 0.003
 
 
+@pytest.mark.parametrize("grows", [0.01, 0.03, 0.05])
+def test_what_a_buffer_that_fills_delays_is_old(grows: float) -> None:
+    """By the last seconds alone it was as new as ever: after five minutes late by nine seconds."""
+    clock = ArrivalClock()
+    for k in range(30 * 300):
+        sampled_s = k / 30
+        found_s = clock.run_time(sampled_s + 50.0, sampled_s * (1 + grows))
+        assert -1e-6 < found_s - sampled_s < 0.35
+    assert clock.resets == 0
+    # The buffer is emptied: what comes then is new, and no new start of the sender.
+    assert clock.run_time(370.0, 320.0) == pytest.approx(320.0)
+    assert clock.resets == 0
+
+
 @pytest.mark.parametrize("jump_s", [-50.0, -0.5, 3.0, 1e5])
 def test_a_sender_that_starts_anew_is_taken_as_it_is(jump_s: float) -> None:
     clock = ArrivalClock()

@@ -1,4 +1,4 @@
-"""Detects a frozen sensor: its readings stay the same while the vehicle moves; pure."""
+"""Detects a sensor that shows nothing: its readings stay the same while the vehicle moves; pure."""
 
 import math
 from typing import NamedTuple
@@ -22,6 +22,10 @@ _CONTRAST = 8.0
 """Between the quarters of the means; a camera that sees less of a scene may go on seeing it."""
 _PASSED_M, _TURNED_RAD = 1.5, math.radians(20.0)
 """After so much way, or a turn, the means of a scene are others, however far away it is."""
+_BLACK, _WHITE = 12, 250
+"""A camera all of whose means are below the first, or above the second, is covered or dazzled."""
+_BLANK_S = 1.0
+"""For so long a camera may look into the sun, or out of a dark corner."""
 
 
 class _EqualReadings(NamedTuple):
@@ -42,23 +46,53 @@ class _Still(NamedTuple):
     times: int
 
 
+class _Blank(NamedTuple):
+    """The first of a series of images that are black, or white, all over."""
+
+    word: str
+    pose: Pose
+    t_s: float
+
+
 class FrozenReadings:
     """Detects that a sensor repeats the same reading while its vehicle moves."""
 
     def __init__(self) -> None:
         self._since: _EqualReadings | None = None
         self._still: _Still | None = None
+        self._blank: _Blank | None = None
 
     def receive(self, reading: Reading, pose: Pose | None) -> str | None:
         """Return a message that the sensor is frozen; None when not. pose: of the vehicle."""
         equal = self._receive_equal(reading, pose)
         if equal is not None or not isinstance(reading, CameraReading) or pose is None:
             return equal
-        return self._receive_still(reading, pose)
+        means = cv2.resize(reading.image_bgr, _BLOCKS, interpolation=cv2.INTER_AREA)
+        return self._receive_blank(reading, means, pose) or self._receive_still(
+            reading, means.astype(np.int16), pose
+        )
 
-    def _receive_still(self, image: CameraReading, pose: Pose) -> str | None:
+    def _receive_blank(
+        self, image: CameraReading, means: NDArray[np.uint8], pose: Pose
+    ) -> str | None:
+        """Return a message that a camera in the air has been black, or white, for too long."""
+        word = "black" if means.max() <= _BLACK else "white" if means.min() >= _WHITE else ""
+        if self._blank is None or self._blank.word != word:
+            self._blank = _Blank(word, pose, image.t_s) if word else None
+        blank = self._blank
+        if blank is None or image.t_s - blank.t_s < _BLANK_S:
+            return None
+        if not traits_of(CameraReading).has_moved(image, blank.pose, pose):
+            return None
+        return (
+            f"its images were {word} all over for {image.t_s - blank.t_s:.2f} s: the camera is "
+            "covered, dazzled or broken"
+        )
+
+    def _receive_still(
+        self, image: CameraReading, means: NDArray[np.int16], pose: Pose
+    ) -> str | None:
         """Return a message that a camera's images are those of a still behind a video codec."""
-        means = cv2.resize(image.image_bgr, _BLOCKS, interpolation=cv2.INTER_AREA).astype(np.int16)
         still = self._still
         if still is None or not _is_still(still.means, means):
             self._still = _Still(means, pose, image.t_s, 1) if _has_contrast(means) else None
@@ -69,8 +103,8 @@ class FrozenReadings:
         if still.times < _SAME or (passed_m <= _PASSED_M and turned_rad <= _TURNED_RAD):
             return None
         return (
-            f"its last {still.times} images, since {still.t_s:.2f} s, show the same, and the "
-            f"vehicle moved {passed_m:.2f} m and turned {math.degrees(turned_rad):.0f} deg "
+            f"its last {still.times} images, in {image.t_s - still.t_s:.2f} s, show the same, and "
+            f"the vehicle moved {passed_m:.2f} m and turned {math.degrees(turned_rad):.0f} deg "
             "meanwhile: the sensor is frozen"
         )
 
@@ -93,8 +127,8 @@ class FrozenReadings:
             turned_rad = angle_between(since.pose.q_wxyz, pose.q_wxyz)
             moved += f" and turned {math.degrees(turned_rad):.0f} deg"
         return (
-            f"its last {since.times} readings, since {since.t_s:.2f} s, are the same, and the "
-            f"vehicle {moved} meanwhile: the sensor is frozen"
+            f"its last {since.times} readings, in {reading.t_s - since.t_s:.2f} s, are the same, "
+            f"and the vehicle {moved} meanwhile: the sensor is frozen"
         )
 
 
