@@ -6,7 +6,7 @@ from typing import Literal
 
 from wil_campaign.campaigns.schema import Mode, VehicleName
 from wil_campaign.campaigns.setup.case_files import CaseFiles
-from wil_campaign.campaigns.setup.case_setup import Case, VehicleSetup
+from wil_campaign.campaigns.setup.case_setup import FLIES, Case, VehicleSetup
 from wil_campaign.foundation.files.documents import Path, Problem
 from wil_campaign.safety.fence.onboard_areas import onboard_areas, stored_items
 from wil_campaign.vehicles.autopilots.registry import autopilot_named
@@ -71,8 +71,9 @@ def large_fences(files: CaseFiles, case: Case, mode: Mode, *, embedded: bool) ->
 
     embedded: those that do so for certain; others may have more memory.
     """
-    pair = [case.vehicles[name] for name in case.flying(mode)]
-    for vehicle in (*pair, *case.actors_in(mode)):
+    pair = [case.vehicles[name] for name in FLIES[mode] if name in case.vehicles]
+    flown = [one for one in pair if mode != "wil" or one.coupling != "placed"]
+    for vehicle in (*flown, *case.actors_in(mode)):
         fence, onboard = case.fences.get(vehicle.name), case.preflight.fence
         autopilot = autopilot_named(vehicle.autopilot)
         most = autopilot.most_fence_items

@@ -79,6 +79,7 @@ def read_setup(
     loads_code: whether the autonomy and the user's own steps are loaded to check them.
     """
     problems: list[Problem] = []
+    files = files.without_cases
     part = collect_problems(problems, partial(check_document, files.campaign, campaign_model()))
     uses, oracle_problems = oracle_uses(files.campaign)
     problems += oracle_problems

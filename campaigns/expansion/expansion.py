@@ -341,7 +341,7 @@ def _paths(files: Iterable[CaseFiles], bench: Bench | None) -> tuple[Path, ...]:
 def _warnings(part: CampaignPart, name: str, file: CaseFiles, setup: Case) -> Iterator[Problem]:
     control = part.controls.get(name)
     modes = tuple(part.modes) if control is None else modes_of_control(part, control)
-    yield from case_warnings(file, setup, modes)
+    yield from case_warnings(file.without_cases, setup, modes)
     yield from import_warnings(file, setup)
 
 

@@ -17,6 +17,7 @@ from wil_campaign.foundation.files.documents import (
 )
 from wil_campaign.foundation.files.documents import Path as DocumentPath
 from wil_campaign.foundation.files.paths import is_folder, path_exists
+from wil_campaign.foundation.files.yaml_nodes import mapping_node
 from wil_campaign.recipes.language.recipe_files import load_recipe_document
 from wil_campaign.safety.fence.fence_files import load_fence_file
 
@@ -40,6 +41,16 @@ class CaseFiles:
     def folder(self) -> Path:
         """Return the folder to which file names of the case are relative."""
         return self.campaign.path.parent
+
+    @property
+    def without_cases(self) -> "CaseFiles":
+        """Return the files without the campaign's `cases`, which its reader has read for all."""
+        root = self.campaign.root
+        if not isinstance(root.value, dict):
+            return self
+        entries = {key: entry for key, entry in root.value.items() if key != "cases"}
+        campaign = replace(self.campaign, root=mapping_node(entries, root.place))
+        return replace(self, campaign=campaign)
 
     def seeded(self, seed: int) -> "CaseFiles":
         """Return the files for a run: its seed in a world that draws speeds and has none itself."""

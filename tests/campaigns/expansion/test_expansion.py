@@ -7,9 +7,10 @@ from typing import Any
 import pytest
 
 from wil_campaign import campaigns
+from wil_campaign.campaigns.expansion import case_reader
 from wil_campaign.campaigns.expansion.expansion import Campaign, RunPlan, load_campaign
 from wil_campaign.campaigns.values.acceptance import PassRequirement, PassShare
-from wil_campaign.foundation.files.documents import BadInput
+from wil_campaign.foundation.files.documents import BadInput, Document
 
 SHIPPED = sorted(Path(campaigns.__file__).parent.glob("*.yaml"))
 
@@ -364,3 +365,23 @@ def test_a_world_that_draws_nothing_or_has_a_seed_is_as_its_file(files: Any) -> 
     files.append(PERSON, "world.yaml")
     files.append("seed: 5\n", "world.yaml")
     assert len({speed_m_s(run) for run in files.load().runs}) == 1
+
+
+def test_each_of_many_cases_is_read_without_the_others(
+    files: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Each was read with all of them in its document: the square of their number."""
+    sizes: list[int] = []
+    check = case_reader.check_document
+
+    def counted(document: Document, model: Any) -> Any:
+        sizes.append(document.root.size)
+        return check(document, model)
+
+    monkeypatch.setattr(case_reader, "check_document", counted)
+    files.load()
+    few, sizes[:] = max(sizes), []
+    cases = "".join(f"  c{n}: {{autonomy.with.speed_m_s: {n}}}\n" for n in range(20))
+    files.change("  large: {}\n", f"  large: {{}}\n{cases}")
+    assert len(files.load().setups) == 22
+    assert max(sizes) == few
