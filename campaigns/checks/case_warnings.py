@@ -23,7 +23,7 @@ from wil_campaign.campaigns.checks.mixture_warnings import (
     unmixed_sensor_warnings,
     wide_registration_warnings,
 )
-from wil_campaign.campaigns.checks.place_checks import judged_world
+from wil_campaign.campaigns.checks.place_checks import judged_world, large_fences
 from wil_campaign.campaigns.schema import VEHICLES, Mode, VehicleName
 from wil_campaign.campaigns.setup.case_files import CaseFiles
 from wil_campaign.campaigns.setup.case_setup import FLIES, Case
@@ -65,6 +65,7 @@ def case_warnings(files: CaseFiles, case: Case, modes: tuple[Mode, ...]) -> Iter
     for mode in modes:
         scene = case.world.scene(mode, judged_world(mode))
         yield from _wide_fences(files.campaign, case, mode, scene)
+        yield from large_fences(files, case, mode, embedded=False)
         yield from _near_goals(files.campaign, case, mode, scene)
         yield from _without_objects(files.campaign, case, scene)
         yield from _empty_worlds(files.campaign, case, mode, scene)

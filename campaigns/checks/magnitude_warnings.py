@@ -17,6 +17,8 @@ _LEAST_FOV_DEG = 4.0
 """Below it a lens is a telescope's; pi and less are fields of view in radians."""
 _LARGE_M, _HIGH_M, _SMALL_M = 100.0, 50.0, 0.02
 """A mesh larger and higher than a tall building, or smaller than a screw, has another unit."""
+_AWAY_M = 1000.0
+"""A mesh whose nearest point is farther from its own origin has the coordinates of a map."""
 _WIDER = 1.25
 """An opening so many times as wide as its whole mesh has another unit."""
 _VAST_M, _TALL_M = 1000.0, 200.0
@@ -131,6 +133,11 @@ def _odd_sizes(file: Document, thing: SceneObject) -> Iterator[Problem]:
     elif max(spans) < _SMALL_M:
         text = f"is {size} m small: if its file is in metres, leave `scale` out"
         yield file.problem(path, text, key=True)
+    corners_m = thing.shape.mesh.vertices_m
+    away_m = float(np.linalg.norm(np.clip(0.0, corners_m.min(axis=0), corners_m.max(axis=0))))
+    if kind == "mesh" and away_m > _AWAY_M:
+        text = f"begins {away_m:.3g} m from the origin of its file, which is what `pose` places"
+        yield file.problem(path, f"{text}: move its corners to the origin", key=True)
     for opening in thing.shape.openings if kind == "mesh" else ():
         across = max((float(span) for span in np.ptp(opening.corners_m, axis=0)), default=0.0)
         if across > _WIDER * max(spans):

@@ -6,8 +6,10 @@ from typing import Literal
 
 from wil_campaign.campaigns.schema import Mode, VehicleName
 from wil_campaign.campaigns.setup.case_files import CaseFiles
-from wil_campaign.campaigns.setup.case_setup import Case, VehicleSetup
+from wil_campaign.campaigns.setup.case_setup import FLIES, Case, VehicleSetup
 from wil_campaign.foundation.files.documents import Path, Problem
+from wil_campaign.safety.fence.onboard_areas import onboard_areas, stored_items
+from wil_campaign.vehicles.autopilots.registry import autopilot_named
 from wil_campaign.vehicles.embedded.physics.airframe import Airframe
 from wil_campaign.worlds.clearance.clearance import ClearanceProbe
 from wil_campaign.worlds.figures import distinct_value_text
@@ -61,6 +63,33 @@ def place_problems(files: CaseFiles, case: Case, mode: Mode) -> Iterator[Problem
             yield from _goal_outside_fence(files, case, vehicle)
         yield from _no_takeoff(files, case, vehicle)
     yield from _gates_outside_fence(files, case, mode)
+    yield from large_fences(files, case, mode, embedded=True)
+
+
+def large_fences(files: CaseFiles, case: Case, mode: Mode, *, embedded: bool) -> Iterator[Problem]:
+    """Yield fences with more corners than the autopilots of a mode's vehicles store.
+
+    embedded: those that do so for certain; others may have more memory.
+    """
+    pair = [case.vehicles[name] for name in FLIES[mode] if name in case.vehicles]
+    flown = [one for one in pair if mode != "wil" or one.coupling != "placed"]
+    for vehicle in (*flown, *case.actors_in(mode)):
+        fence, onboard = case.fences.get(vehicle.name), case.preflight.fence
+        autopilot = autopilot_named(vehicle.autopilot)
+        most = autopilot.most_fence_items
+        if vehicle.embedded is not embedded or fence is None or onboard is None or most is None:
+            continue
+        north_m, east_m, _ = vehicle.start.position_ned_m
+        count = stored_items(onboard_areas(fence, onboard.margin_m, (north_m, east_m)))
+        if count > most:
+            is_actor = vehicle.name in case.actors
+            path: Path = (*vehicle.path, "geofence") if is_actor else ("geofence",)
+            message = (
+                f"{autopilot.label} of '{vehicle.name}' stores {most} corners and circles, and its "
+                f"fence has {count} of them, {onboard.margin_m:g} m wider: simplify the areas, or "
+                "write preflight: {fence: null}, and only the guard and the oracle have it"
+            )
+            yield files.campaign.problem(path, message, key=True)
 
 
 def _start_outside_fence(files: CaseFiles, case: Case, vehicle: VehicleSetup) -> Iterator[Problem]:

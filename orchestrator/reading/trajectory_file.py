@@ -2,7 +2,8 @@
 
 import csv
 import math
-from collections.abc import Mapping, Sequence
+import sys
+from collections.abc import Mapping
 from dataclasses import dataclass
 from io import BytesIO, TextIOWrapper
 from itertools import islice
@@ -14,16 +15,21 @@ from wil_campaign.orchestrator.reading.results_folder import UnreadableError, re
 from wil_campaign.worlds.frames import Vec3
 
 _NEEDED = frozenset({"t_s", "vehicle", "stage"})
+_BETWEEN = "\0"
+"""Between the cells of a row that is kept: no cell has it, as `read_trajectory` drops it."""
 
 
 @dataclass(frozen=True, slots=True)
 class TrajectoryFileRow:
-    """A row of trajectory.csv; its cells are decoded on demand, because few rows are shown."""
+    """A row of trajectory.csv; its cells are decoded on demand, because few rows are shown.
+
+    line: all cells in one text, with `_BETWEEN` between them: a long flight has a million rows.
+    """
 
     t_s: float
     vehicle: str
     columns: Mapping[str, int]
-    line: Sequence[str]
+    line: str
 
     def decoded(self) -> CommandedState:
         """Return the row with all cells decoded."""
@@ -88,8 +94,8 @@ def read_trajectory(path: Path) -> TrajectoryRows:
 class _Cells:
     """The cells of a row by their names; a short row lacks its last ones."""
 
-    def __init__(self, columns: Mapping[str, int], line: Sequence[str]) -> None:
-        self._columns, self._line = columns, line
+    def __init__(self, columns: Mapping[str, int], line: str) -> None:
+        self._columns, self._line = columns, line.split(_BETWEEN)
 
     def get(self, name: str) -> str | None:
         at = self._columns.get(name, len(self._line))
@@ -102,7 +108,7 @@ def _row(columns: Mapping[str, int], line: list[str]) -> TrajectoryFileRow | Non
     except (ValueError, IndexError):
         return None
     return (
-        TrajectoryFileRow(t_s, vehicle, columns, tuple(line))
+        TrajectoryFileRow(t_s, sys.intern(vehicle), columns, _BETWEEN.join(line))
         if vehicle and math.isfinite(t_s)
         else None
     )

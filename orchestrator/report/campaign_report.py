@@ -102,10 +102,13 @@ def write_report(
     path = folder / FILE_NAME if out is None else out
     html = [section.html for section in sections]
     write_atomically(path, render_page(campaign, html, pages, made_utc=utc_text(time.time())))
+    problems = [f"{page.name}: {text}" for page in pages for text in page.problems]
     if out is None:
         for name, text in (file for section in sections for file in section.files.items()):
-            write_atomically(folder / name, text)
-    problems = [f"{page.name}: {text}" for page in pages for text in page.problems]
+            try:
+                write_atomically(folder / name, text)
+            except OSError as error:
+                problems.append(f"{name} cannot be written: {error.strerror or error}")
     problems += [text for section in sections for text in section.problems]
     texts = tuple(section.text for section in sections if section.text)
     return WrittenReport(path, (*campaign.problems, *problems), texts)

@@ -199,6 +199,8 @@ class ArduCopter(Autopilot):
     failsafes: ClassVar[AutopilotFailsafes] = _FAILSAFES
     oldest_version: ClassVar[tuple[int, int]] = (4, 3)
     log_suffix: ClassVar[str] = ".bin"
+    # Of 560 bytes (StorageManager.cpp, AC_PolyFence_loader::max_items); more on a memory card.
+    most_fence_items: ClassVar[int] = 70
     logs_numbered_in_order: ClassVar[bool] = True
     missions_begin_at_home: ClassVar[bool] = True
     imu_message: ClassVar[str] = "RAW_IMU"

@@ -175,18 +175,29 @@ def first_needed_s(formula: Formula, at_s: float = 0.0) -> Iterator[tuple[Atom, 
 def seen_ahead_s(formula: Formula) -> float:
     """Return how long after a time the value of a formula at that time is known, seconds.
 
-    Infinite without a limit, and for operators of the past, which see what lies before.
+    Infinite without a limit.
     """
     match formula:
-        case NegatedFormula(inner):
+        case NegatedFormula(inner) | TemporalFormula("once" | "historically", _, inner):
             return seen_ahead_s(inner)
-        case TemporalFormula("always" | "eventually", StlInterval(_, float(until_s)), inner):
+        case TemporalFormula(_, StlInterval(_, float(until_s)), inner):
             return until_s + seen_ahead_s(inner)
         case JunctorFormula(_, left, right):
             return max(seen_ahead_s(left), seen_ahead_s(right))
         case UntilFormula(StlInterval(_, float(until_s)), left, right):
             return until_s + max(seen_ahead_s(left), seen_ahead_s(right))
     return 0.0 if isinstance(formula, Atom) else math.inf
+
+
+def looks_back_s(node: Node) -> float:
+    """Return how far before a time the value of a formula at that time looks, seconds.
+
+    Infinite without a limit.
+    """
+    own_s = 0.0
+    if isinstance(node, TemporalFormula) and node.word in {"once", "historically"}:
+        own_s = math.inf if node.interval.until_s is None else node.interval.until_s
+    return own_s + max(map(looks_back_s, formula_children(node)), default=0.0)
 
 
 FORMULAS = (

@@ -64,10 +64,14 @@ class StlMonitor:
         return found
 
     def at_best(
-        self, times_s: Sequence[float], signals: Mapping[str, Values], end_s: float
+        self,
+        times_s: Sequence[float],
+        signals: Mapping[str, Values],
+        end_s: float,
+        at_s: float | None = None,
     ) -> FormulaRobustness | UnevaluableFormula:
-        """Return the best robustness still possible after end_s."""
-        return self._evaluate_formula(times_s, signals, end_s, best_after=True)
+        """Return the best robustness still possible after end_s, at at_s in place of times_s[0]."""
+        return self._evaluate_formula(times_s, signals, end_s, best_after=True, at_s=at_s)
 
     def lost_s(self, times_s: Sequence[float], signals: Mapping[str, Values]) -> float | None:
         """Return the sample from which on the formula fails, whatever follows; None without one.
@@ -93,6 +97,7 @@ class StlMonitor:
         end_s: float,
         *,
         best_after: bool,
+        at_s: float | None = None,
     ) -> FormulaRobustness | UnevaluableFormula:
         """Return the formula's robustness over recorded values, or why none."""
         recording = SignalRecording(
@@ -100,7 +105,7 @@ class StlMonitor:
         )
         evaluation = FormulaEvaluation(recording)
         try:
-            value, by, index = evaluation.at_begin(self._formula)
+            value, by, index = evaluation.at(self._formula, times_s[0] if at_s is None else at_s)
         except UnevaluableError as error:
             return error.found
         return FormulaRobustness(

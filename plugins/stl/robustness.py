@@ -129,9 +129,10 @@ class FormulaEvaluation:
         """Return the implications whose premise held at no time at which it was asked for."""
         return tuple(self._unmet)
 
-    def at_begin(self, formula: Formula) -> tuple[float, AtomOccurrence | None, int]:
+    def at(self, formula: Formula, at_s: float) -> tuple[float, AtomOccurrence | None, int]:
         """Return the robustness, the deciding atom and sample. Raises UnevaluableError."""
-        found = self._of(formula, (0, 0), positive=True)
+        at_ns = _ns(at_s - self._recording.begin_s)
+        found = self._of(formula, (at_ns, at_ns), positive=True)
         value, origin = float(found.values[0]), int(found.origins[0])
         if origin == NO_ORIGIN:
             return value, None, 0

@@ -1,28 +1,19 @@
 """The oracle of an STL formula over the signals of a run; its margin is the robustness.
 
-The deciding part of an STL formula, with its values in its own unit.
-
 The limits that a formula holds: comparisons of a signal with a number, under `always` and `and`.
 
 A condition that may hold at some time has no limit.
 """
 
-import math
 import re
-from bisect import bisect_left
-from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Iterator, Mapping
 from typing import Annotated, ClassVar
 
 from pydantic import Field
 
 from wil_campaign.foundation.files.documents import Data
-from wil_campaign.plugins.stl.arithmetic import (
-    comparison_margin,
-    limit_side,
-    value_of_term,
-    written_atom,
-)
+from wil_campaign.plugins.stl.arithmetic import limit_side, written_atom
+from wil_campaign.plugins.stl.deciding_part import deciding_part_of
 from wil_campaign.plugins.stl.formula import (
     ConstantTerm,
     Formula,
@@ -30,17 +21,14 @@ from wil_campaign.plugins.stl.formula import (
     SignalTerm,
     StlComparison,
     StlError,
-    StlInterval,
     TemporalFormula,
-    Term,
     first_needed_s,
-    seen_ahead_s,
     signal_names_of,
 )
+from wil_campaign.plugins.stl.formula_watch import BestReached, FormulaWatch, best_reached
 from wil_campaign.plugins.stl.monitor import FormulaRobustness, StlMonitor
 from wil_campaign.plugins.stl.parser import parse_stl
-from wil_campaign.plugins.stl.robustness import AtomOccurrence, UnevaluableFormula
-from wil_campaign.plugins.stl.steps import Values
+from wil_campaign.plugins.stl.robustness import UnevaluableFormula
 from wil_campaign.plugins.stl.stl_signals import (
     TWIN_DISTANCE_NAME,
     FenceMarginSignal,
@@ -52,7 +40,7 @@ from wil_campaign.plugins.stl.stl_signals import (
     signals_of,
 )
 from wil_campaign.plugins.stl.stl_trace import StlTrace
-from wil_campaign.plugins.stl.units import SignalKind, has_several_units, require_sound, unit_text
+from wil_campaign.plugins.stl.units import has_several_units, require_sound
 from wil_campaign.safety.model.oracle_results import OracleResult
 from wil_campaign.safety.model.samples import (
     FenceSample,
@@ -76,7 +64,6 @@ from wil_campaign.safety.oracles.oracle import (
     oracle,
 )
 from wil_campaign.safety.oracles.oracle_terms import ON_GOAL, StageTracker
-from wil_campaign.worlds.figures import distinct_value_text
 
 
 def limits_of_formula(part: Mapping[str, Data]) -> Iterator[SignalLimit]:
@@ -117,63 +104,10 @@ def _always(
             pass
 
 
-@dataclass(frozen=True, slots=True)
-class DecidingPart:
-    """The deciding part of a formula: a comparison or a boolean signal at the deciding sample.
-
-    text: the condition that should hold, as formula text. margin: by how much it holds, negative
-    where it is violated. actual, limit, margin: None for a boolean signal.
-    """
-
-    text: str
-    actual: float | None = None
-    limit: float | None = None
-    unit: str = ""
-    margin: float | None = None
-
-    @property
-    def violation(self) -> str:
-        """Return the deciding part's violation as a sentence."""
-        if self.actual is None or self.limit is None:
-            return f"{self.text} is violated"
-        actual = distinct_value_text(self.actual, self.limit, digits=3)
-        values = f"{actual} {self.unit} against {self.limit:g} {self.unit}"
-        return f"{self.text} is violated: {' '.join(values.split())}"
-
-
-def deciding_part_of(
-    by: AtomOccurrence, index: int, signals: Mapping[str, Values], kinds: Mapping[str, SignalKind]
-) -> DecidingPart:
-    """Return the part of a formula that decides at a sample."""
-    atom = by.atom
-    text = written_atom(atom, positive=by.positive)
-    if not isinstance(atom, StlComparison):
-        return DecidingPart(text)
-    measured, limit = limit_side(atom)
-    margin = _at(comparison_margin(atom, signals), index)
-    return DecidingPart(
-        text=text,
-        actual=_at(value_of_term(measured, signals), index),
-        limit=_at(value_of_term(limit, signals), index),
-        unit=unit_of_either(measured, limit, kinds),
-        # Adding 0 turns -0 into 0.
-        margin=(margin if by.positive else -margin) + 0.0,
-    )
-
-
-def unit_of_either(one: Term, other: Term, kinds: Mapping[str, SignalKind]) -> str:
-    """Return the unit of a deciding comparison; a bare number has the other side's."""
-    return unit_text(one, kinds) or unit_text(other, kinds)
-
-
-def _at(values: Values, index: int) -> float:
-    return float(values if values.ndim == 0 else values[index])
-
-
 _CHECK_EVERY_S = 1.0
-"""How often a formula with fail_fast is evaluated in flight..."""
-_SETTLED_S = 1.0
-"""... and how long after its value at a time is known that time is not looked at again."""
+"""How often a formula is evaluated in flight..."""
+_CHECK_SHARE = 0.01
+"""... and that where each evaluation looks at the whole flight: a share of the time flown."""
 
 
 class StlParameters(Windowed):
@@ -208,12 +142,11 @@ class StlOracle(Oracle):
         self._judged: PoseSample | None = None
         self._last_sample_s: float | None = None
         self._next_check_s = 0.0
-        self._ahead_s = _ahead_s(self._formula)
-        self._unsettled = 0
-        """The first row that a check in flight has to look at."""
+        self._watch = FormulaWatch(self._formula, mixed=mixed, kinds=self._kinds)
         self._flagged = False
         self._so_far: OracleResult | None = None
         self._next_look_s = 0.0
+        self._looked_at = 0
 
     @property
     def watches(self) -> tuple[str, ...]:
@@ -285,23 +218,19 @@ class StlOracle(Oracle):
         due = self.terms.fail_fast and not self._flagged and t_s >= self._next_check_s
         if not due or not self.stages.open or not self._trace.times_s:
             return NO_FLAGS
-        self._next_check_s = t_s + _CHECK_EVERY_S
-        times_s = self._trace.times_s[self._unsettled :]
-        values = {name: row[self._unsettled :] for name, row in self._trace.values().items()}
-        best = self._at_best(times_s, values)
-        if isinstance(best, UnevaluableFormula):
-            return NO_FLAGS
-        if best.holds:
-            before_s = times_s[-1] - self._ahead_s - _SETTLED_S
-            self._unsettled += max(0, bisect_left(times_s, before_s) - 1)
+        self._next_check_s = self._next_s(t_s)
+        best = self._watch.best(self._trace)
+        if isinstance(best, UnevaluableFormula) or best.reached.holds:
             return NO_FLAGS
         self._flagged = True
         text = f"{self.vehicle}: {self.name} cannot be satisfied any more"
-        if best.decided_by is not None:
-            text += (
-                f": {deciding_part_of(best.decided_by, best.index, values, self._kinds).violation}"
-            )
+        if best.part is not None:
+            text += f": {best.part.violation}"
         return self.flag(t_s, text)
+
+    def _next_s(self, t_s: float) -> float:
+        flown_s = t_s - self._trace.times_s[0] if self._watch.is_whole else 0.0
+        return t_s + max(_CHECK_EVERY_S, flown_s * _CHECK_SHARE)
 
     def result(self, t_s: float) -> OracleResult:
         """Return the STL formula's robustness over the recorded window."""
@@ -326,46 +255,43 @@ class StlOracle(Oracle):
         )
 
     def so_far(self, t_s: float) -> OracleResult:
-        """Return the best that the formula can still reach, at most a second old.
+        """Return the best that the formula can still reach, as of the last look at it.
 
         Of an `always` that is its least margin so far. A FAIL is certain: what is still open passes
         until it is decided.
         """
-        if self._so_far is None or t_s >= self._next_look_s:
-            self._next_look_s = t_s + _CHECK_EVERY_S
+        rows = len(self._trace.times_s)
+        if not rows:
+            return self.invalid("its window has not begun")
+        is_final = self.stages.end_s is not None and rows == self._looked_at
+        if self._so_far is None or (t_s >= self._next_look_s and not is_final):
+            self._next_look_s, self._looked_at = self._next_s(t_s), rows
             self._so_far = self._best_so_far(t_s)
         return self._so_far
 
     def _best_so_far(self, t_s: float) -> OracleResult:
-        times_s = self._trace.times_s
-        if not times_s:
-            return self.invalid("its window has not begun")
-        values = self._trace.values()
         is_over = self.stages.end_s is not None
-        found = self.evaluated(t_s) if is_over else self._at_best(times_s, values)
-        if isinstance(found, UnevaluableFormula):
-            return self.invalid(str(found), at_s=found.at_s)
-        if found.decided_by is None:
-            return self.verdict(passed=found.holds, detail="decided at the end")
-        part = deciding_part_of(found.decided_by, found.index, values, self._kinds)
+        best = self._at_end(t_s) if is_over else self._watch.best(self._trace)
+        if isinstance(best, UnevaluableFormula):
+            return self.invalid(str(best), at_s=best.at_s)
+        holds, part = best.reached.holds, best.part
+        if part is None:
+            return self.verdict(passed=holds, detail="decided at the end")
         return self.verdict(
-            passed=found.holds,
+            passed=holds,
             actual=part.actual,
             limit=part.limit,
             unit=part.unit,
             margin=part.margin,
-            at_s=times_s[found.index],
-            detail="" if found.holds else part.violation,
+            at_s=best.at_s,
+            detail="" if holds else part.violation,
         )
 
-    def _at_best(
-        self, times_s: Sequence[float], values: Mapping[str, Values]
-    ) -> FormulaRobustness | UnevaluableFormula:
-        """Return the best that the formula can still reach.
-
-        A sample of a time before now may come yet: nothing is known after the last one.
-        """
-        return self._monitor.at_best(times_s, values, times_s[-1] + 1e-9)
+    def _at_end(self, t_s: float) -> BestReached | UnevaluableFormula:
+        found = self.evaluated(t_s)
+        if isinstance(found, UnevaluableFormula):
+            return found
+        return best_reached(found, self._trace.times_s, self._trace.values(), self._kinds)
 
     def evaluated(self, t_s: float) -> FormulaRobustness | UnevaluableFormula:
         """Return the STL robustness as of t_s, or why it cannot be evaluated."""
@@ -390,14 +316,6 @@ class StlOracle(Oracle):
                 )
                 self._trace.note(name, max(0.0, t_s - (since_s or 0.0)))
         self._trace.add_row(t_s)
-
-
-def _ahead_s(formula: Formula) -> float:
-    """Return how long after a time it is known whether an `always` fails there; else infinity."""
-    match formula:
-        case TemporalFormula("always", StlInterval(0.0, None), inner):
-            return seen_ahead_s(inner)
-    return math.inf
 
 
 def _unmet_text(found: FormulaRobustness) -> str:

@@ -45,12 +45,14 @@ class StlTrace:
         for name, row in self._rows.items():
             row.append(self._latest[name])
 
-    def values(self) -> dict[str, Values]:
-        """Return the trace's values of each signal, one per row."""
-        return {name: self._fill_gaps(np.array(row)) for name, row in self._rows.items()}
+    def values(self, first: int = 0) -> dict[str, Values]:
+        """Return the trace's values of each signal, one per row from the first asked for on."""
+        return {
+            name: self._fill_gaps(np.array(row[first:]), first) for name, row in self._rows.items()
+        }
 
-    def _fill_gaps(self, row: Values) -> Values:
+    def _fill_gaps(self, row: Values, first: int) -> Values:
         known = np.flatnonzero(~np.isnan(row))
-        if known.size and self.times_s[known[0]] - self.times_s[0] <= FIRST_WITHIN_S:
+        if known.size and self.times_s[first + known[0]] - self.times_s[0] <= FIRST_WITHIN_S:
             row[: known[0]] = row[known[0]]
         return row

@@ -374,6 +374,18 @@ def gone(folder, campaign):
 """
 
 
+def test_a_file_beside_the_report_that_cannot_be_written_is_named(
+    install: Install, tmp_path: Path
+) -> None:
+    """On a full disk "report.html was not written" stood beside a whole report.html."""
+    folder = write_flown(tmp_path / "a", flights("a", "sim", "PP"), with_motion=False)
+    install(SECTIONS)
+    (folder / "depths.json").mkdir()
+    found = write_report(folder)
+    assert "depths of" in found.path.read_text("utf-8")
+    assert "depths.json cannot be written: Is a directory" in found.problems
+
+
 def test_a_plugin_adds_a_section_to_the_report(install: Install, tmp_path: Path) -> None:
     """One that fails is left out and named; the page is whole without it."""
     folder = write_flown(tmp_path / "a", flights("a", "sim", "PP"), with_motion=False)

@@ -181,6 +181,8 @@ class Autopilot(ABC):
     log_suffix: ClassVar[str]
     logs_numbered_in_order: ClassVar[bool] = False
     """Whether a later log has a higher number."""
+    most_fence_items: ClassVar[int | None] = None
+    """How many corners and circles of fences it stores; None: unknown."""
     missions_begin_at_home: ClassVar[bool] = False
     """Whether item 0 of a mission is home."""
     imu_message: ClassVar[str] = "HIGHRES_IMU"

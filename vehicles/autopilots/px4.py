@@ -193,6 +193,7 @@ class Px4(Autopilot):
     failsafes: ClassVar[AutopilotFailsafes] = _FAILSAFES
     oldest_version: ClassVar[tuple[int, int]] = (1, 14)
     log_suffix: ClassVar[str] = ".ulg"
+    most_fence_items: ClassVar[int] = 64  # DM_KEY_FENCE_POINTS_MAX (dataman.h)
 
     def mode_of(self, custom_mode: int) -> FlightMode:
         """Return our mode for a PX4 HEARTBEAT."""

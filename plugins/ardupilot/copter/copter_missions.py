@@ -2,6 +2,7 @@
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from wil_campaign.plugins.ardupilot.strategy import ArduCopter
 from wil_campaign.vehicles.embedded.autopilot.flight.mission_items import ItemRules
 from wil_campaign.vehicles.embedded.autopilot.services.fence_items import FENCE_COMMANDS
 
@@ -32,6 +33,11 @@ RULES = ItemRules(
             mavlink.MAV_FRAME_GLOBAL_TERRAIN_ALT_INT,
         }
     ),
+    most={
+        mavlink.MAV_MISSION_TYPE_MISSION: 700,
+        mavlink.MAV_MISSION_TYPE_FENCE: ArduCopter.most_fence_items,
+        mavlink.MAV_MISSION_TYPE_RALLY: 46,
+    },
     nan_is_unset=False,
     stored_frames={
         mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT: mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT,

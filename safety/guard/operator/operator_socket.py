@@ -89,7 +89,11 @@ class OperatorSocket:
             os.umask(before)
         if self._pointer is not None:
             message = {"socket": str(self._path), "pid": os.getpid()}
-            write_private(self._pointer, json.dumps(message) + "\n")
+            try:
+                write_private(self._pointer, json.dumps(message) + "\n")
+            except OSError as error:
+                await self.__aexit__()
+                raise OSError(error.errno, error.strerror, str(self._pointer)) from error
         return self
 
     async def __aexit__(self, *_: object) -> None:

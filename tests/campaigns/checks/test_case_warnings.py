@@ -1,6 +1,7 @@
 """What `validate` warns of, and what it finds in one pass."""
 
 import gc
+import math
 import multiprocessing
 import os
 import threading
@@ -43,6 +44,38 @@ def test_an_attached_vehicle_without_a_fence_is_warned_of(files: Any, is_fenced:
     assert [one for one in said if "geofence" in one] == (
         [] if is_fenced else [f"{message} autopilot stops it"]
     )
+
+
+def _round_fence(files: Any, corners: int) -> None:
+    """Replace the campaign's fence by a polygon of so many corners around its box."""
+    turns = [2 * math.pi * each / corners for each in range(corners)]
+    places = [[round(1 + 6 * math.cos(t), 6), round(6 * math.sin(t), 6)] for t in turns]
+    text = files.path.read_text()
+    box = text[text.index("geofence:\n  box") :].partition("\noracles:")[0]
+    files.change(box, f"geofence: {{include: [{{polygon: {places}}}], up_m: [-0.5, 2.3]}}")
+
+
+@pytest.mark.parametrize(
+    ("corners", "refused"), [(64, []), (65, ["PX4"]), (71, ["ArduCopter", "PX4"])]
+)
+def test_a_fence_that_its_autopilot_does_not_store_is_refused(
+    files: Any, corners: int, refused: list[str]
+) -> None:
+    """It passed, and the autopilot refused it before arming: each flight was an ERROR."""
+    _round_fence(files, corners)
+    said = [one for one in (files.faults() if refused else warned(files)) if "stores" in one]
+    assert [one.split(": ")[1].split()[0] for one in said] == refused
+    assert all(f"its fence has {corners} of them, 1 m wider" in one for one in said)
+    files.append("preflight: {fence: null}\n")
+    assert [one for one in warned(files) if "stores" in one] == []
+
+
+def test_a_fence_that_firmware_may_not_store_is_warned_of(files: Any) -> None:
+    _round_fence(files, 71)
+    sets = ("vehicles.real.link=udpin://127.0.0.1:14555", "vehicles.real.pose_source=mavlink")
+    given = files.load(sets=(*sets, "modes=[real]", "accept=null"))
+    (said,) = [one.headline for one in given.warnings if "stores" in one.headline]
+    assert "PX4 of 'real' stores 64 corners and circles, and its fence has 71 of them" in said
 
 
 def test_what_is_of_a_vehicle_that_no_mode_flies_is_warned_of(files: Any) -> None:

@@ -109,6 +109,16 @@ def test_a_mesh_in_another_unit_is_warned_of(files: Any, scale: str, said: str) 
     assert [one for one in told if one.startswith("is ")] == ([said] if said else [])
 
 
+@pytest.mark.parametrize(("east", "said"), [("900", False), ("3000", True)])
+def test_a_mesh_far_from_its_own_origin_is_warned_of(files: Any, east: str, said: bool) -> None:
+    """One in coordinates of a map stood kilometres away: nothing was seen or touched."""
+    cube = CUBE.replace("1000", "1").replace("v 0", f"v {east}").replace("v 1", f"v {east}.5")
+    (files.folder / "cube.obj").write_text(cube)
+    files.append("  cube:\n    shape: {mesh: {file: cube.obj}}\n", "world.yaml")
+    text = "begins 3e+03 m from the origin of its file, which is what `pose` places"
+    assert any(text in one for one in warned(files)) is said
+
+
 @pytest.mark.parametrize(("half", "is_wide"), [(500, False), (2000, True)])
 def test_an_opening_far_wider_than_its_mesh_is_warned_of(
     files: Any, half: int, is_wide: bool

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from tests.safety.oracles.oracle_rigs import FENCE, SCENE, build, pose, stage
+from wil_campaign.plugins.stl.monitor import FormulaRobustness, StlMonitor
 from wil_campaign.plugins.stl.stl_oracle import StlOracle
 from wil_campaign.plugins.stl.stl_signals import signal_docs, signals_of
 from wil_campaign.safety.fence.geofence import Circle, Fence
@@ -519,72 +520,132 @@ def test_contact_fails_fast_although_its_margin_is_zero() -> None:
     )
 
 
-def _rows_of_checks(judge: StlOracle, monkeypatch: pytest.MonkeyPatch) -> list[int]:
-    """Return a list to which each check in flight adds how many rows it looks at."""
+def _rows_of_looks(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """Return a list to which each look in flight adds how many rows it looks at."""
     rows: list[int] = []
-    at_best = judge._monitor.at_best
+    at_best = StlMonitor.at_best
 
-    def counted(times_s: Any, signals: Any, end_s: float) -> Any:
+    def counted(monitor: StlMonitor, times_s: Any, *rest: Any) -> Any:
         rows.append(len(times_s))
-        return at_best(times_s, signals, end_s)
+        return at_best(monitor, times_s, *rest)
 
-    monkeypatch.setattr(judge._monitor, "at_best", counted)
+    monkeypatch.setattr(StlMonitor, "at_best", counted)
     return rows
 
 
+@pytest.mark.parametrize("watched", [False, True])
 @pytest.mark.parametrize(
     ("text", "most"),
     [
         ("always (up_m >= 0)", 25),
         ("always (up_m >= 1 -> eventually[0,2] (up_m >= 0))", 45),
         ("always ((up_m >= 0) until[1,3] (up_m >= 0.5) and not always[0,5] (up_m < 0))", 75),
+        ("always (once[0,4] (up_m >= 0))", 65),
+        ("always[3,60] (up_m >= 0) and always (up_m <= 3)", 625),
     ],
 )
-def test_a_check_in_flight_costs_no_more_after_many_minutes(
-    monkeypatch: pytest.MonkeyPatch, text: str, most: int
+def test_a_look_in_flight_costs_no_more_after_many_minutes(
+    monkeypatch: pytest.MonkeyPatch, text: str, most: int, watched: bool
 ) -> None:
     """After an hour at 50 Hz one took a quarter of a second, each second, of the loop's time."""
-    judge = stl(text, fail_fast=True)
-    assert isinstance(judge, StlOracle)
-    rows = _rows_of_checks(judge, monkeypatch)
+    judge, rows = stl(text, fail_fast=not watched), _rows_of_looks(monkeypatch)
     stage(judge, goal=0.0)
     for tenth in range(6000):
         judge.on_pose(pose(tenth / 10.0, (0, 0, -2)))
         assert judge.on_tick(tenth / 10.0) == ()
+        if watched:
+            assert judge.so_far(tenth / 10.0).verdict == "PASS"
     assert max(rows) <= most
     assert len(rows) > 500
     assert judge.result(600.0).verdict == "PASS"
+
+
+def test_looks_at_a_formula_that_stays_undecided_become_rarer(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Each looks at the whole flight: after three hours one took two seconds, each second."""
+    judge, rows = stl("(up_m >= 0) until (up_m >= 9)"), _rows_of_looks(monkeypatch)
+    stage(judge, goal=0.0)
+    for tenth in range(6000):
+        judge.on_pose(pose(tenth / 10.0, (0, 0, -2)))
+        assert judge.so_far(tenth / 10.0).verdict == "PASS"
+    assert rows[:3] == [1, 11, 21]
+    assert 200 < len(rows) < 300
+
+
+def test_a_formula_whose_window_is_over_is_looked_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    looks: list[float] = []
+    robustness = StlMonitor.robustness
+
+    def counted(monitor: StlMonitor, times_s: Any, signals: Any, end_s: float) -> Any:
+        looks.append(end_s)
+        return robustness(monitor, times_s, signals, end_s)
+
+    monkeypatch.setattr(StlMonitor, "robustness", counted)
+    judge = stl("always (up_m >= 0)")
+    stage(judge, goal=0.0)
+    judge.on_pose(pose(0.5, (0, 0, -2)))
+    stage(judge, land=1.0)
+    assert {judge.so_far(1.0 + second).margin for second in range(60)} == {2.0}
+    assert looks == [1.0]
+    judge.on_pose(pose(0.9, (0, 0, -1)))
+    assert judge.so_far(62.0).margin == 1.0
 
 
 @pytest.mark.parametrize(
     "text",
     [
         "always (up_m >= 0.2)",
-        "always (up_m >= 1 -> eventually[0,2] (up_m >= 1.6))",
-        "always ((up_m >= 0.3) until[1,3] (up_m >= 1.5))",
+        "always (up_m > 0.2) and always (up_m <= 1.99)",
+        "always (up_m >= 1 -> eventually[0,2] (up_m >= 1.2))",
+        "always ((up_m >= 0.3) until[1,3] (up_m >= 1.1))",
         "always (once[0,4] (up_m >= 1.2))",
+        "always (up_m >= 1 -> historically[1,2] (up_m >= 0.5) or once[1,3] (speed_m_s <= 0.1))",
         "always[0,30] (up_m >= 0.4)",
         "always eventually (up_m >= 1.9) and always (up_m >= 0.4)",
+        "(up_m >= 0.3) until (up_m >= 1.99)",
     ],
 )
-def test_a_check_in_flight_of_a_part_flags_as_one_of_all(text: str) -> None:
-    """What is settled is not looked at again; the flags are those of a check of all rows."""
-    rng = np.random.default_rng(1)
-    flagged = 0
-    for _ in range(30):
-        judge, whole = stl(text, fail_fast=True), stl(text, fail_fast=True)
-        whole._ahead_s = math.inf  # type: ignore[attr-defined]
-        flags: list[tuple[Flag, ...]] = []
-        for one in (judge, whole):
+def test_a_look_in_flight_at_a_part_is_one_at_all(text: str) -> None:
+    """What is settled is not looked at again; flags and margins are those of all rows."""
+    rng, failed = np.random.default_rng(1), 0
+    for _ in range(10):
+        judge, watched = stl(text, fail_fast=True), stl(text)
+        assert isinstance(judge, StlOracle)
+        judges = [judge, watched]
+        for one in judges:
             stage(one, goal=0.0)
+        flags: list[Flag] = []
         for fifth in range(250):
-            up_m = float(rng.uniform(0.0, 2.0)) ** 0.3
-            for one in (judge, whole):
-                one.on_pose(pose(fifth / 5.0, (0, 0, -up_m)))
-            flags += [tuple(one.on_tick(fifth / 5.0)) for one in (judge, whole)]
-        assert flags[::2] == flags[1::2]
-        flagged += any(flags)
-    assert flagged
+            t_s, up_m = fifth / 5.0, float(rng.uniform(0.0, 2.0)) ** 0.3
+            velocity = (float(rng.uniform(0.0, 1.0)), 0.0, 0.0)
+            for one in judges:
+                one.on_pose(pose(t_s, (0, 0, -up_m), velocity))
+            flags += judge.on_tick(t_s)
+            if fifth % 5 == 0:
+                times_s, values = judge._trace.times_s, judge._trace.values()
+                whole = judge._monitor.at_best(times_s, values, times_s[-1] + 1e-9)
+                assert isinstance(whole, FormulaRobustness)
+                assert bool(flags) == (not whole.holds)
+                so_far = watched.so_far(t_s)
+                assert so_far.verdict == ("PASS" if whole.holds else "FAIL")
+                if so_far.margin is not None and "->" not in text:
+                    assert so_far.margin == whole.value
+        failed += bool(flags)
+    assert failed
+
+
+def test_a_signal_that_stays_unknown_is_not_looked_for_again(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    judge, rows = stl("always (speed_m_s <= 9)"), _rows_of_looks(monkeypatch)
+    stage(judge, goal=0.0)
+    for tenth in range(6000):
+        speed_m_s = math.nan if tenth == 50 else 1.0
+        judge.on_pose(pose(tenth / 10.0, (0, 0, -2), (speed_m_s, 0, 0)))
+        seen = judge.so_far(tenth / 10.0).verdict
+        assert seen == ("INVALID" if tenth >= 50 else "PASS")
+    assert len(rows) < 12
 
 
 def test_it_does_not_fail_fast_where_the_campaign_does_not_say() -> None:

@@ -171,6 +171,23 @@ async def test_the_pointer_follows_no_link(short_folder: Path, tmp_path: Path) -
     assert precious.read_text() == "mine"
 
 
+async def test_a_pointer_that_a_full_disk_refuses_leaves_nothing(
+    short_folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The socket stayed and listened, beside an operator.json of no bytes."""
+
+    def fill(path: Path, _: str) -> None:
+        path.write_text("")
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(operator_socket, "write_private", fill)
+    controller = Controller(short_folder)
+    with pytest.raises(OSError, match=r"No space left on device: '.*operator\.json'"):
+        await controller.serve().__aenter__()
+    assert not controller.path.exists()
+    assert not controller.pointer.exists()
+
+
 async def test_a_watcher_that_is_there_at_the_end_is_no_exception(short_folder: Path) -> None:
     """Its cancelled task was reported as an exception of ours, and the campaign ended with 3."""
     reported: list[dict[str, Any]] = []

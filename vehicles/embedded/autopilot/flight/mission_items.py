@@ -48,6 +48,7 @@ class EmulatedMissionItem(NamedTuple):
 class ItemRules(NamedTuple):
     """A firmware's rules of mission items: commands by list, frames of placed items.
 
+    most: how many items of each list it stores.
     nan_is_unset: NaN means "not given" in every parameter (PX4), not only in the fourth.
     unplaced_frame: the frame of items without a place (PX4); None: any. stored_frames: the frames
     that placed items of a mission are sent back in, by those they came in; others come back in 0.
@@ -56,6 +57,7 @@ class ItemRules(NamedTuple):
 
     commands: dict[int, frozenset[int]]
     frames: frozenset[int]
+    most: dict[int, int]
     nan_is_unset: bool
     unplaced_frame: int | None = None
     stored_frames: dict[int, int] | None = None

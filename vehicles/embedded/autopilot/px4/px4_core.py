@@ -75,6 +75,11 @@ RULES = ItemRules(
             mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT,
         }
     ),
+    most={
+        mavlink.MAV_MISSION_TYPE_MISSION: 700,
+        mavlink.MAV_MISSION_TYPE_FENCE: Strategy.most_fence_items,
+        mavlink.MAV_MISSION_TYPE_RALLY: 32,
+    },
     nan_is_unset=True,
     unplaced_frame=mavlink.MAV_FRAME_MISSION,
 )

@@ -28,7 +28,6 @@ _ALL: int = mavlink.MAV_MISSION_TYPE_ALL
 _REQUEST_AGAIN_S, _COPTER_AGAIN_S = 0.25, 1.0
 _GIVE_UP_S, _COPTER_GIVES_UP_S = 5.0, 8.0
 """MAVLINK_MISSION_*_TIMEOUT_DEFAULT of PX4; recv_timeout_ms and upload_timeout_ms of ArduPilot."""
-_MAX_ITEMS = 700
 _GUIDED = 2
 """MISSION_ITEM.current of an item to fly to at once."""
 
@@ -228,7 +227,7 @@ class MissionService:
         elif self._is_px4 and upload is not None and kind == upload.kind:
             # The request may have been lost; PX4 keeps the first count.
             self._request_next(upload, t_s)
-        elif message.count > _MAX_ITEMS:
+        elif message.count > self._rules.most[kind]:
             self._ack(peer, mavlink.MAV_MISSION_NO_SPACE, kind)
         elif message.count == 0:
             self._finish(peer, kind, ())

@@ -186,6 +186,27 @@ def test_impossible_fences_are_invalid(rig: Any, virtually: Scenario, autopilot:
     virtually(scenario())
 
 
+@pytest.mark.parametrize(
+    ("kind", "autopilot", "most"), [(1, "px4", 64), (1, "ardupilot", 70), (2, "px4", 32)]
+)
+def test_no_more_items_are_taken_than_the_firmware_stores(
+    rig: Any, virtually: Scenario, kind: int, autopilot: str, most: int
+) -> None:
+    """DM_KEY_FENCE_POINTS_MAX, DM_KEY_SAFE_POINTS_MAX; StorageFence. It took 700 of each."""
+
+    async def scenario() -> None:
+        async with rig(autopilot=autopilot) as r:
+            await asyncio.sleep(4.0)
+            command, params = (5003, (90.0, 0.0, 0.0, 0.0)) if kind == 1 else (5100, (0.0,) * 4)
+            place = {"x": 473977420, "y": 85455940, "frame": 0}
+            items = [item(seq, command, kind, params=params, **place) for seq in range(most + 1)]
+            assert await upload(r, kind, items) == mavlink.MAV_MISSION_NO_SPACE
+            assert await upload(r, kind, items[:-1]) == 0
+            assert len(await download(r, kind)) == most
+
+    virtually(scenario())
+
+
 def test_px4_refuses_a_fence_without_home(rig: Any, virtually: Scenario) -> None:
     async def scenario() -> None:
         async with rig(autopilot="px4") as r:
