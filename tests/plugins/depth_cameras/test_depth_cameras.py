@@ -382,7 +382,11 @@ async def test_a_device_that_does_not_open_is_not_waited_for_without_end(
     library: Library, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     answers = threading.Event()
-    library.opening = lambda: answers.wait(30.0) and None
+
+    def hang() -> None:
+        answers.wait(30.0)
+
+    library.opening = hang
     monkeypatch.setattr(depth_grabber, "_OPENING_MARGIN_S", 0.1)
     monkeypatch.setattr(depth_grabber, "_STOP_S", 0.1)
     async with asyncio.timeout(20.0):
