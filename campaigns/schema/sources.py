@@ -41,10 +41,7 @@ _SCHEMES: dict[str, SourceKind] = {
 }
 _SHAPES: dict[SourceKind, tuple[str, str]] = {
     "rtsp": (r"rtsps?://([^/\s]+@)?[^/@\s]+(/\S*)?", "rtsp://HOST/PATH"),
-    "rtp": (
-        r"rtp://(\[[^]\s]+\]|[^:/@\s]+):(?P<port>\d{1,5})/?(\?\S*)?",
-        "rtp://HOST:PORT, as in rtp://0.0.0.0:5600",
-    ),
+    "rtp": (r"rtp://[^:/@\s]+:(?P<port>\d{1,5})/?", "rtp://HOST:PORT, as in rtp://0.0.0.0:5600"),
     "v4l2": (r"(v4l2://)?/dev/[^\s/]+(/[^\s/]+)*", "/dev/videoN"),
     "simulator": (r"tcp://[^/\s]+:(?P<port>\d{1,5})|ipc://\S+", "tcp://HOST:PORT, or ipc://PATH"),
 }
