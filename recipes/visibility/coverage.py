@@ -159,8 +159,11 @@ class VisibilityCoverage:
         return VisibilityFault(t_s, text)
 
     def _lost_from_view(self, frame: FrameVisibility) -> VisibilityFault | None:
-        """Return the fault that objects which were shown are not any more, for long enough."""
-        names = [one.name for one in frame.objects if one.in_view]
+        """Return the fault that objects which were shown are not any more, for long enough.
+
+        Others may be what another combination shows.
+        """
+        names = [one.name for one in frame.objects if one.in_view and self.objects[one.name].shown]
         if not names or any(one.is_shown for one in frame.objects):
             self._blind_s, self._blind_frames = None, 0
             return None

@@ -118,6 +118,16 @@ def test_an_object_that_was_out_of_view_or_shown_between_is_not_lost(is_gone: bo
     assert flown(frames)[1] is None
 
 
+def test_what_another_combination_shows_is_not_lost_from_this_one() -> None:
+    """Of two cameras one may show the gate, and the other a person who leaves its view."""
+
+    def frame(k: int) -> FrameVisibility:
+        person = seen(k / 5, in_view=k < 20, name="person").objects
+        return FrameVisibility(k / 5, (*person, *seen(k / 5, shown=False).objects))
+
+    assert flown([frame(k) for k in range(50)])[1] is None
+
+
 def test_another_sensor_may_show_it() -> None:
     blind, _ = flown([seen(k / 5, shown=False) for k in range(8)])
     lidar, _ = flown([seen(k / 5) for k in range(8)])
