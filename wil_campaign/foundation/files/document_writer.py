@@ -40,10 +40,14 @@ def _present(fields: list[tuple[str, Any]]) -> dict[str, Any]:
 def write_atomically(path: Path, content: str | bytes) -> None:
     """Write a document atomically: a reader sees all of it or the old one, also after a crash.
 
-    A temporary file in the same folder, fsync, rename, fsync of the folder. Raises OSError.
+    A temporary file in the same folder, fsync, rename, fsync of the folder. Into what is no file it
+    is written: /dev/null, renamed over, would be gone. Raises OSError.
     """
     # A lone surrogate, as in an error message, becomes '?': readers refuse its JSON escape.
     data = content.encode("utf-8", "replace") if isinstance(content, str) else content
+    if path.exists() and not path.is_file():
+        path.write_bytes(data)
+        return
     handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=".part")
     try:
         with os.fdopen(handle, "wb") as stream:
