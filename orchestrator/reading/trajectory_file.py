@@ -33,7 +33,7 @@ class TrajectoryFileRow:
 
     def decoded(self) -> CommandedState:
         """Return the row with all cells decoded."""
-        cells = _Cells(self.columns, self.line)
+        cells = self.cells
         return CommandedState(
             t_s=self.t_s,
             vehicle=self.vehicle,
@@ -52,7 +52,13 @@ class TrajectoryFileRow:
     @property
     def note(self) -> str:
         """Return the autonomy's note, without decoding the rest of the row."""
-        return _Cells(self.columns, self.line).get("note") or ""
+        return self.cells.get("note") or ""
+
+    @property
+    def cells(self) -> dict[str, str]:
+        """Return the row's cells by their columns; a short row lacks its last ones."""
+        line = self.line.split(_BETWEEN)
+        return {name: line[at] for name, at in self.columns.items() if at < len(line)}
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,17 +97,6 @@ def read_trajectory(path: Path) -> TrajectoryRows:
     return TrajectoryRows(rows, tuple(problems))
 
 
-class _Cells:
-    """The cells of a row by their names; a short row lacks its last ones."""
-
-    def __init__(self, columns: Mapping[str, int], line: str) -> None:
-        self._columns, self._line = columns, line.split(_BETWEEN)
-
-    def get(self, name: str) -> str | None:
-        at = self._columns.get(name, len(self._line))
-        return self._line[at] if at < len(self._line) else None
-
-
 def _row(columns: Mapping[str, int], line: list[str]) -> TrajectoryFileRow | None:
     try:
         t_s, vehicle = float(line[columns["t_s"]]), line[columns["vehicle"]]
@@ -114,7 +109,7 @@ def _row(columns: Mapping[str, int], line: list[str]) -> TrajectoryFileRow | Non
     )
 
 
-def _number(cells: _Cells, name: str) -> float | None:
+def _number(cells: Mapping[str, str], name: str) -> float | None:
     try:
         number = float(cells.get(name) or "nan")
     except ValueError:
@@ -122,6 +117,6 @@ def _number(cells: _Cells, name: str) -> float | None:
     return number if math.isfinite(number) else None
 
 
-def _vector(cells: _Cells, *names: str) -> Vec3 | None:
+def _vector(cells: Mapping[str, str], *names: str) -> Vec3 | None:
     x, y, z = (_number(cells, name) for name in names)
     return None if x is None or y is None or z is None else (x, y, z)

@@ -270,7 +270,7 @@ class _Writing:
 
     def _write_row(self, row: TrajectoryFileRow, stamp_ns: int) -> None:
         """Write a vehicle's pose as it knew it: transforms, and of the one under test odometry."""
-        cells = dict(zip(row.columns, row.line, strict=False))
+        cells = row.cells
         numbers = [_number(cells.get(name, "")) for name in _ESTIMATE]
         if not all(math.isfinite(number) for number in numbers):
             return
