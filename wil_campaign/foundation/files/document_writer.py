@@ -9,6 +9,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+from wil_campaign.foundation.files.paths import is_file
 from wil_campaign.foundation.files.problems import BadInput, Problem
 
 HTML = b"<!doctype html>"
@@ -67,9 +68,9 @@ def require_own_file(path: Path | None, mark: bytes) -> None:
     """Raise BadInput where another kind of file is at the place where one is to be written.
 
     So nobody who names a campaign or a recording there loses it. mark: the pattern by which each
-    file of the kind begins. path: None where nothing is to be written.
+    file of the kind begins. path: None where nothing is to be written. A pipe is not waited for.
     """
-    if path is None:
+    if path is None or not is_file(path):
         return
     try:
         with path.open("rb") as file:

@@ -5,7 +5,11 @@ from pathlib import Path
 
 from pydantic_core import from_json
 
-from wil_campaign.foundation.files.document_writer import to_json, write_atomically
+from wil_campaign.foundation.files.document_writer import (
+    require_own_file,
+    to_json,
+    write_atomically,
+)
 
 
 def test_a_text_that_utf_8_cannot_hold_leaves_the_document_readable(tmp_path: Path) -> None:
@@ -19,6 +23,7 @@ def test_what_is_no_file_is_written_into_and_not_replaced(tmp_path: Path) -> Non
     """As root, `report --out /dev/null` made a file of the device."""
     pipe = tmp_path / "pipe"
     os.mkfifo(pipe)
+    require_own_file(pipe, b"page")  # is not waited for
     reader = os.open(pipe, os.O_RDONLY | os.O_NONBLOCK)
     write_atomically(pipe, "page")
     assert os.read(reader, 100) == b"page"
