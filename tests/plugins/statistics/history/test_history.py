@@ -121,6 +121,12 @@ def test_nothing_is_called_flaky_on_the_wall_clock(tmp_path: Path, capsys: Captu
     assert "a seed does not repeat a flight" in one["text"]
 
 
+def test_a_device_is_no_history(tmp_path: Path, capsys: Capture) -> None:
+    """/dev/zero was read for ever."""
+    assert main(["history", str(tmp_path), "--keep", "/dev/null"]) == 2
+    assert "/dev/null is not a file" in capsys.readouterr().err
+
+
 def test_a_file_keeps_what_folders_lose_and_takes_nothing_twice(
     tmp_path: Path, capsys: Capture
 ) -> None:
