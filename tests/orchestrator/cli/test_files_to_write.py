@@ -6,6 +6,7 @@ import pytest
 
 from tests.orchestrator.hover import write_hover
 from tests.orchestrator.report.recorded_campaign import write_campaign
+from wil_campaign.orchestrator.campaign.folder.campaign_folder import require_writable_results
 from wil_campaign.orchestrator.cli import main
 
 COMMANDS = {
@@ -43,6 +44,13 @@ def test_one_of_its_own_kind_is(tmp_path: Path, command: str) -> None:
     first, second = main(words.split()), main(words.split())
     assert first == second != 2
     assert file.stat().st_size > 1
+
+
+def test_a_junit_file_of_another_tool_is_replaced(tmp_path: Path) -> None:
+    junit = tmp_path / "junit.xml"
+    for begin in ("<testsuite/>", '<?xml version="1.0"?>\n<testsuites/>', ""):
+        junit.write_text(begin)
+        require_writable_results(tmp_path, junit=junit)
 
 
 def test_a_path_that_is_too_long_is_no_internal_error(capsys: pytest.CaptureFixture[str]) -> None:
