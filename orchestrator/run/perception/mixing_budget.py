@@ -141,9 +141,10 @@ class MixingBudgetWatch:
         elif self._run_state.reached("goal") and not self._is_over:
             self._is_over = True
             self._check_delivery(t_s)
-            if stage == "done" and not self._is_any_silent(t_s):
-                self._check_since_last_look(t_s)
             self._check_visibility()
+            # What has a reason already needs none of the last second.
+            if stage == "done" and not self._has_decided and not self._is_any_silent(t_s):
+                self._check_since_last_look(t_s)
 
     def _check_since_last_look(self, done_s: float) -> None:
         """Check that mixtures came until the end of the goal: `run` looks four times a second."""
@@ -199,6 +200,6 @@ class MixingBudgetWatch:
             self._decide_invalid(f"mixing: {fault.text}{why}")
 
     def _decide_invalid(self, reason: str) -> None:
-        if self._doubt is None and not self._has_decided:
+        if self._doubt is None:
             self._has_decided = True
             self._run_state.decide("INVALID", reason, source="mixing", ends_flight=False)

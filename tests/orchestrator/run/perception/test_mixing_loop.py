@@ -860,3 +860,22 @@ def test_images_of_the_twins_autonomy_prove_nothing_for_the_judged_vehicle(
     run_state = run_virtual(fly())
     assert [event.kind for event in run_state.decisive] == verdicts
     assert all("wall" in event.text for event in run_state.decisive)
+
+
+def test_what_was_never_shown_is_said_beside_what_was_not_delivered() -> None:
+    """Of two reasons the second was lost; a control may ask for either."""
+
+    async def fly() -> RunState:
+        loop = asyncio.get_running_loop()
+        run_state = RunState(time=loop.time)
+        watch = MixingBudgetWatch(run_state=run_state, is_any_silent=lambda _: False)
+        watch.watch(seen_by("real", gate=False), 0.1)
+        vars(watch.loops[0].statistics)["last_miss"] = ""
+        await asyncio.sleep(1.0)
+        run_state.enter("goal")
+        await asyncio.sleep(1.15)
+        run_state.enter("done")
+        return run_state
+
+    texts = [event.text for event in run_virtual(fly()).decisive]
+    assert [text.partition(": ")[2][:14] for text in texts] == ["no mixed readi", "the mixture ne"]
