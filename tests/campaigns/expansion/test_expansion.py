@@ -8,6 +8,7 @@ from unittest import mock
 import pytest
 
 from wil_campaign import campaigns
+from wil_campaign.campaigns.checks import magnitude_warnings
 from wil_campaign.campaigns.expansion.expansion import Campaign, RunPlan, load_campaign
 from wil_campaign.campaigns.values.acceptance import PassRequirement, PassShare
 from wil_campaign.foundation.files import yaml_nodes
@@ -54,13 +55,17 @@ def values_read(files: Any, cases: int) -> int:
     head, _, rest = path.read_text().partition("  large: {}\n")
     path.write_text(f"{head}  large: {{}}\n{listed}{rest}")
     read = mock.Mock(wraps=yaml_nodes.plain_value_of_node)
-    with mock.patch.object(yaml_nodes, "plain_value_of_node", read):
+    angles = mock.Mock(wraps=magnitude_warnings._degrees_as_radians)
+    with (
+        mock.patch.object(yaml_nodes, "plain_value_of_node", read),
+        mock.patch.object(magnitude_warnings, "_degrees_as_radians", angles),
+    ):
         campaign = files.load()
         campaign_manifest(campaign, "virtual")
         maybe_written_files(campaign)
     path.write_text(f"{head}  large: {{}}\n{rest}")
     assert len(campaign.cases) == cases + 2
-    return int(read.call_count)
+    return int(read.call_count + angles.call_count)
 
 
 def test_a_case_is_checked_without_the_others(files: Any) -> None:

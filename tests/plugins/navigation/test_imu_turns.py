@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from wil_campaign.plugins.navigation.imu_turns import TurnCheck
+from wil_campaign.plugins.navigation.imu import TurnCheck
 from wil_campaign.vehicles.readings import ImuReading
 from wil_campaign.worlds.frames import Pose, Vec3, quat_from_euler
 

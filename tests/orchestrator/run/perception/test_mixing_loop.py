@@ -862,7 +862,7 @@ def test_images_of_the_twins_autonomy_prove_nothing_for_the_judged_vehicle(
     assert all("wall" in event.text for event in run_state.decisive)
 
 
-def test_what_was_never_shown_is_said_beside_what_was_not_delivered() -> None:
+def test_what_was_never_shown_is_named_beside_what_was_not_delivered() -> None:
     """Of two reasons the second was lost; a control may ask for either."""
 
     async def fly() -> RunState:
