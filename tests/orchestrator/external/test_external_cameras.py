@@ -1,9 +1,10 @@
 """Cameras with pictures from outside: opened early, watched, and never wrong."""
 
 import asyncio
-from collections.abc import Callable
+from collections.abc import AsyncIterator, Callable
 from contextlib import AsyncExitStack
 from pathlib import Path
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
@@ -16,7 +17,11 @@ from wil_campaign.campaigns.values.sensor_setups import CameraSetup
 from wil_campaign.foundation.clocks.virtual_loop import run_virtual
 from wil_campaign.orchestrator.external.external_io import ExternalCamera
 from wil_campaign.vehicles.readings import CameraReading, Reading
-from wil_campaign.vehicles.sources.camera_source import ImageChangedError, SourceError
+from wil_campaign.vehicles.sources.camera_source import (
+    ImageChangedError,
+    SourceError,
+    SourceStalledError,
+)
 from wil_campaign.worlds.camera import CameraMount, Intrinsics
 
 __all__ = ["given_port", "sending"]
@@ -165,3 +170,16 @@ async def test_a_live_camera_that_died_before_arming_is_known_before_arming(
         await asyncio.to_thread(sender.stop)
         with pytest.raises(SourceError, match=r"no image for 1\.5 s"):
             await as_long_as_images_come()
+
+
+async def test_an_image_that_came_before_is_no_sign_of_life_before_arming() -> None:
+    """The newest image is kept until it is taken, also of a camera that has died since."""
+    one = live(5600)
+
+    async def kept() -> AsyncIterator[SimpleNamespace]:
+        yield SimpleNamespace(arrived_s=9.9)
+        raise SourceStalledError("no image for 1 s")
+
+    vars(one)["_source"] = kept()
+    with pytest.raises(SourceStalledError):
+        await one.ready(since_s=10.0)
