@@ -38,8 +38,17 @@ class CaseFiles:
 
     @property
     def of_case(self) -> Document:
-        """Return the campaign's document without what it says of its other cases."""
+        """Return the campaign's document without what it says of its cases."""
         return self.campaign.without(("cases", "controls", "published"))
+
+    def alone(self, case: str) -> "CaseFiles":
+        """Return the files without what the campaign says of other cases and controls.
+
+        Of thousands of cases each run would have all in its recording.
+        """
+        rest = self.campaign.without(("published",))
+        own = rest.with_entries(("cases", "controls"), names_in_own_file(case))
+        return replace(self, campaign=own)
 
     @property
     def folder(self) -> Path:
@@ -60,6 +69,15 @@ class CaseFiles:
         """Return the paths of the case's files."""
         documents = (self.campaign, self.world, self.recipe, *self.fences.values())
         return tuple(document.path for document in documents if document is not None)
+
+
+def names_in_own_file(case: str) -> tuple[str, ...]:
+    """Return the names that a case or control may have in its file, the longest first.
+
+    A composition puts the name of a part and a dot before it.
+    """
+    parts = case.split(".")
+    return tuple(".".join(parts[start:]) for start in range(len(parts)))
 
 
 def _draws_speeds(objects: Data) -> bool:

@@ -335,7 +335,7 @@ class _Flight:
         for plan in plans:
             if plan.name not in self._results:
                 yield RunOrder(
-                    plan=plan,
+                    plan=replace(plan, files=plan.files.alone(plan.case)),
                     folder=self._folder / plan.name,
                     clock=self._cleared.clock,
                     attempts=self._attempts.get(plan.name, ()),

@@ -8,6 +8,7 @@ from functools import lru_cache
 from pydantic import ValidationError
 
 from wil_campaign.campaigns.schema.vehicles import BodyPart
+from wil_campaign.campaigns.setup.case_files import names_in_own_file
 from wil_campaign.foundation.files.documents import BadInput, Data
 from wil_campaign.orchestrator.recording.recording_facts import campaign_in, fences_in, world_in
 from wil_campaign.safety.fence.geofence import Fence
@@ -131,12 +132,17 @@ def _parsed_world(text: str, file: str) -> World:
 
 def _overrides(campaign: Mapping[str, Data], case: str) -> list[str]:
     """Return the overrides of a run's case or control, one key per text."""
-    cases, controls = campaign.get("cases"), campaign.get("controls")
-    given = cases.get(case) if isinstance(cases, dict) else None
-    if given is None and isinstance(controls, dict):
-        control = controls.get(case)
+    given = _entry_of(campaign.get("cases"), case)
+    if given is None:
+        control = _entry_of(campaign.get("controls"), case)
         given = control.get("set") if isinstance(control, dict) else None
     if not isinstance(given, dict):
         return []
     texts = [f"{key}: {json.dumps(value, default=str)}" for key, value in given.items()]
     return texts[:_MOST_OVERRIDES]
+
+
+def _entry_of(entries: Data, case: str) -> Data:
+    """Return what a file says of a run's case or control; None without it."""
+    known = entries if isinstance(entries, dict) else {}
+    return next((known[name] for name in names_in_own_file(case) if name in known), None)

@@ -1,11 +1,13 @@
 """Runs that are flown again while others fly: each by its own file, and none after a decision."""
 
+import json
 import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
+import yaml
 
 from tests.orchestrator.campaign.resuming.test_runs_to_fly import quick_fly, result_of
 from tests.orchestrator.hover import write_hover
@@ -167,3 +169,36 @@ def test_each_part_of_a_composition_has_the_retries_of_its_own_file(
     again = fly_campaign(load_campaign(whole), options, cleared, SilentDisplay())
     assert replace(again, exit_code=0) == replace(outcome, exit_code=0)
     assert again.exit_code == outcome.exit_code == 3
+
+
+def own_entries_fly(order: RunOrder, report: Report, inbox: OperatorInbox) -> RunResult:
+    """Stand in for a flight: keeps what its order says of cases and controls."""
+    file = order.plan.files.campaign
+    result = quick_fly(order, report, inbox)
+    kept = {key: file.get((key,)) for key in ("cases", "controls", "published")}
+    (order.folder / "kept.json").write_text(json.dumps(kept))
+    return result
+
+
+def test_an_order_names_no_other_case(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of thousands each run had all in its recording."""
+    monkeypatch.setattr(run_engine, "fly_order", own_entries_fly)
+    cases = {name: {"goal.altitude_m": height} for name, height in (("a", 2.0), ("b.c", 2.1))}
+    control = {"set": {"limits.speed_m_s": 1.0}, "expect": {"verdict": "FAIL", "cause": "time"}}
+    published = {"passed": {"a": {"sim": "1/1"}}}
+    told = {"cases": cases, "controls": {"late": control}, "published": published}
+    whole = tmp_path / "both.yaml"
+    hover = write_hover(tmp_path)
+    hover.write_text(hover.read_text() + yaml.safe_dump(told))
+    whole.write_text("schema: wil/campaign/1\ncampaign: both\ncampaigns: {one: hover.yaml}\n")
+    outcome = fly(whole)
+    kept = {
+        run.case: json.loads((outcome.folder / run.case / "sim/1/kept.json").read_text())
+        for run in outcome.summary.runs
+    }
+    assert {case: (one["cases"], list(one["controls"])) for case, one in kept.items()} == {
+        "one.a": ({"a": cases["a"]}, []),
+        "one.b.c": ({"b.c": cases["b.c"]}, []),
+        "one.late": ({}, ["late"]),
+    }
+    assert {one["published"] for one in kept.values()} == {None}

@@ -9,7 +9,7 @@ import json
 import re
 import stat
 from collections.abc import Callable, Collection
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path as FilePath
 from typing import TypeVar
 
@@ -135,6 +135,18 @@ class Document:
             return self
         left = {key: entry for key, entry in left.items() if key not in keys}
         return Document(self.path, mapping_node(left, self.root.place))
+
+    def with_entries(self, keys: Collection[str], names: Collection[str]) -> "Document":
+        """Return the document with no other than the named entries in mappings of its top level."""
+        entries = self.root.value
+        if not isinstance(entries, dict):
+            return self
+        kept = dict(entries)
+        for key, entry in entries.items():
+            if key in keys and isinstance(entry.node.value, dict):
+                own = {name: one for name, one in entry.node.value.items() if name in names}
+                kept[key] = replace(entry, node=mapping_node(own, entry.node.place))
+        return Document(self.path, mapping_node(kept, self.root.place))
 
     def _spot(self, path: Path, *, key: bool) -> YamlPlace:
         entry, rest = self._reach(path)

@@ -32,6 +32,7 @@ from wil_campaign.orchestrator.report.reading.cause import (
 from wil_campaign.orchestrator.report.reading.outlines import ring_of_outline
 from wil_campaign.orchestrator.report.reading.run_reader import read_run
 from wil_campaign.orchestrator.report.reading.sight_decoding import ImageSize
+from wil_campaign.orchestrator.report.reading.world_facts import recorded_world
 from wil_campaign.orchestrator.report.rendering.page import render_run
 from wil_campaign.orchestrator.run_results.evidence_files import EVIDENCE_FILES, evidence_digests
 from wil_campaign.orchestrator.run_results.result_parts import DropOut, TwinResult
@@ -49,6 +50,7 @@ from wil_campaign.safety.model.samples import FenceSample
 
 SIZE = ImageSize.for_runs(1)
 FAILED = "large/wil/1"
+WORLD = {"schema": "wil/world/1", "origin": {"latitude_deg": 47.4, "longitude_deg": 8.5}}
 
 
 @pytest.fixture(scope="module")
@@ -477,3 +479,21 @@ def test_a_video_is_shown_where_it_is_one(copied: Path) -> None:
     run = run_of(copied)
     assert run.video is None
     assert run.problems == ("mixed.mp4 is not an MP4 file",)
+
+
+@pytest.mark.parametrize(
+    ("case", "told"),
+    [
+        ("one.b.c", ("goal.altitude_m: 2.0",)),
+        ("b.c", ("goal.altitude_m: 2.0",)),
+        ("one.late", ("retries: 3",)),
+        ("one.d", ()),
+    ],
+)
+def test_a_run_of_a_composition_tells_what_its_case_changes(
+    case: str, told: tuple[str, ...]
+) -> None:
+    controls = {"late": {"set": {"retries": 3}}}
+    campaign = {"cases": {"b.c": {"goal.altitude_m": 2.0}}, "controls": controls}
+    facts = {"world": json.dumps(WORLD), "campaign": json.dumps(campaign)}
+    assert recorded_world(facts, case, "sim").overrides == told
