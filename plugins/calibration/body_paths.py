@@ -44,6 +44,8 @@ def body_path_in_csv(path: Path) -> BodyPath:
 
     Raises OfflineError, with the line.
     """
+    if path.exists() and not path.is_file():  # a device has no end
+        raise OfflineError(f"{path}: is not a file")
     try:
         with path.open(newline="", encoding="utf-8-sig") as stream:
             rows = csv.DictReader(stream)

@@ -1,5 +1,6 @@
 """Reads a flight log, whatever its format: told by its first bytes, not by its name."""
 
+import stat
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
@@ -28,7 +29,10 @@ def read_log(path: Path) -> LoggedFlight:
     if path.is_dir():
         return read_log(_log_of_folder(path))
     try:
-        if path.stat().st_size > _MOST_BYTES:
+        state = path.stat()
+        if not stat.S_ISREG(state.st_mode):
+            raise FlightLogError(f"{path} is not a file")
+        if state.st_size > _MOST_BYTES:
             raise FlightLogError(f"{path} is larger than 4 GB: cut the flight out of it")
         with path.open("rb") as stream:
             head = stream.read(16)

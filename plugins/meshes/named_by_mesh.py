@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from wil_campaign.foundation.files.limits import MAX_MESH_BYTES
+from wil_campaign.foundation.files.paths import is_file
 from wil_campaign.plugins.meshes.beside import file_beside, image_beside
 from wil_campaign.plugins.meshes.formats.collada_materials import path_of_image
 from wil_campaign.plugins.meshes.formats.gltf_file import open_gltf
@@ -20,7 +21,7 @@ def files_named_by_mesh(path: Path) -> list[Path]:
     None of a file that is none of the readers' or is damaged, which they report.
     """
     try:
-        if path.stat().st_size > MAX_MESH_BYTES:
+        if not is_file(path) or path.stat().st_size > MAX_MESH_BYTES:
             return []
         return list(_named(path))
     except Exception:  # noqa: BLE001 - a damaged file may have anything anywhere

@@ -20,6 +20,7 @@ from wil_campaign.orchestrator.recording.timestamps import VIRTUAL_EPOCH_S
 from wil_campaign.plugins.calibration.boards import CharucoBoard
 from wil_campaign.plugins.calibration.body_paths import body_path_in_csv
 from wil_campaign.plugins.calibration.measurement import calibration_yaml
+from wil_campaign.plugins.offline.errors import OfflineError
 from wil_campaign.safety.model.samples import PoseSample
 from wil_campaign.vehicles.readings import CameraReading
 from wil_campaign.worlds.frames import Pose, quat_from_euler
@@ -314,3 +315,10 @@ def test_poses_of_a_spreadsheet_begin_with_a_mark_of_their_encoding(tmp_path: Pa
     plain = body_path_in_csv(path)
     path.write_bytes(b"\xef\xbb\xbf" + path.read_bytes())
     assert body_path_in_csv(path).t_s.tolist() == plain.t_s.tolist()
+
+
+def test_poses_of_a_device_are_refused(tmp_path: Path) -> None:
+    """It may have no end: /dev/zero was read for ever."""
+    (tmp_path / "poses.csv").symlink_to("/dev/null")
+    with pytest.raises(OfflineError, match="is not a file"):
+        body_path_in_csv(tmp_path / "poses.csv")

@@ -377,6 +377,13 @@ def test_a_log_that_is_not_there_is_refused(tmp_path: Path, capsys: Capture) -> 
     assert "No such file" in capsys.readouterr().err
 
 
+def test_a_device_is_no_log(tmp_path: Path) -> None:
+    """It may have no end: /dev/zero filled the memory."""
+    (tmp_path / "null.tlog").symlink_to("/dev/null")
+    with pytest.raises(FlightLogError, match="is not a file"):
+        read_log(tmp_path / "null.tlog")
+
+
 @pytest.mark.parametrize("back_s", [3.0, 100.0])
 def test_a_tlog_whose_clock_was_set_back_is_led_on(tmp_path: Path, back_s: float) -> None:
     """By 3 s its course went to and fro at 12 m/s, by 100 s it had never left the ground."""

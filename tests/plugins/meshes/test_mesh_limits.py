@@ -19,6 +19,7 @@ from wil_campaign.foundation.files.images import (
 )
 from wil_campaign.foundation.files.limits import MAX_IMAGE_PIXELS
 from wil_campaign.plugins.meshes.mesh_reader import load_mesh_shape
+from wil_campaign.plugins.meshes.named_by_mesh import files_named_by_mesh
 from wil_campaign.worlds.scene.mesh_formats import MeshFileError
 from wil_campaign.worlds.scene.textures import load_texture
 
@@ -162,3 +163,15 @@ def test_sizes_are_what_headers_state(tmp_path: Path) -> None:
     with pytest.raises(ImageError, match="no such file"):
         read_image(tmp_path / "none.png")
     assert MAX_IMAGE_PIXELS * 8 < 1e9
+
+
+def test_a_device_is_not_read_for_the_files_that_it_names(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It may have no end: validate filled the memory with /dev/zero."""
+    path = tmp_path / "gate.obj"
+    path.symlink_to("/dev/null")
+    read: list[Path] = []
+    monkeypatch.setattr(Path, "read_bytes", read.append)
+    assert files_named_by_mesh(path) == []
+    assert read == []
