@@ -172,6 +172,6 @@ def test_a_device_is_not_read_for_the_files_that_it_names(
     path = tmp_path / "gate.obj"
     path.symlink_to("/dev/null")
     read: list[Path] = []
-    monkeypatch.setattr(Path, "read_bytes", read.append)
+    monkeypatch.setattr(Path, "read_bytes", lambda path: read.append(path) or b"")
     assert files_named_by_mesh(path) == []
     assert read == []
