@@ -172,6 +172,11 @@ def test_a_device_is_not_read_for_the_files_that_it_names(
     path = tmp_path / "gate.obj"
     path.symlink_to("/dev/null")
     read: list[Path] = []
-    monkeypatch.setattr(Path, "read_bytes", lambda path: read.append(path) or b"")
+
+    def read_bytes(path: Path) -> bytes:
+        read.append(path)
+        return b""
+
+    monkeypatch.setattr(Path, "read_bytes", read_bytes)
     assert files_named_by_mesh(path) == []
     assert read == []
