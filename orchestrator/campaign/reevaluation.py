@@ -81,7 +81,8 @@ def judge_campaign_again(campaign: Campaign, folder: Path) -> Judgement:
     when a run cannot be shown to have flown in the world that its files describe now.
     """
     campaign = _as_settled(campaign, _document(folder / "campaign.json"))
-    recorded = [plan for plan in campaign.plans if (folder / plan.name).is_dir()]
+    begun = [plan for plan in campaign.plans if (folder / plan.name).is_dir()]
+    recorded = [plan for plan in begun if (folder / plan.name / "result.json").exists()]
     if not recorded:
         first = campaign.plans[0].name
         raise RecordingError(f"{folder} has no run of this campaign, such as {first}")
@@ -96,12 +97,15 @@ def judge_campaign_again(campaign: Campaign, folder: Path) -> Judgement:
     due = runs_due(campaign.plans, campaign.test, now_by_name)
     absent = [plan for plan in due if plan.name not in by_name]
     surplus = [name for name in by_name if name not in {plan.name for plan in due}]
+    lost = [plan.name for plan in absent if plan in begun]
+    left = [f"not counted, flown after the decision: {', '.join(surplus)}"] if surplus else []
+    left += [f"begun and lost, without a result: {', '.join(lost)}"] if lost else []
     counted = tuple(by_name[plan.name] for plan in due if plan.name in by_name)
     _require_own_summary(before, counted, folder)
     runs = [each.now for each in counted]
     return Judgement(
         counted,
-        _summary(campaign, before, runs, absent, surplus),
+        _summary(campaign, before, runs, absent, left),
         exit_code(
             runs,
             campaign.requirements,
@@ -132,14 +136,13 @@ def _summary(
     before: Summary,
     runs: Sequence[RunResult],
     absent: Sequence[RunPlan],
-    surplus: Sequence[str],
+    left: Sequence[str],
 ) -> Summary:
-    """Return the summary of the reevaluated runs; absent: those that are not in the folder.
+    """Return the summary of the reevaluated runs; absent: those without a result in the folder.
 
-    surplus: names of those that are, and do not count, as the sequential test decides before them.
-    Vehicles, sensors and what ended the campaign are taken from the summary of the flight.
+    left: caveats of those that do not count, as the sequential test decides before them, or were
+    lost. Vehicles, sensors and what ended the campaign are taken from the summary of the flight.
     """
-    left = [f"not counted, flown after the decision: {', '.join(surplus)}"] if surplus else []
     return summarize(
         runs,
         campaign.requirements,

@@ -331,6 +331,19 @@ def test_a_required_run_that_is_not_there_is_forgiven_by_no_share(
     assert lines[-1].startswith("not accepted; never flown: 4 of 6")
 
 
+def test_a_run_that_was_begun_and_lost_leaves_the_others_to_be_judged(
+    recorded: Path, tmp_path: Path, capsys: Any
+) -> None:
+    folder = shutil.copytree(recorded, tmp_path / "cut")
+    (folder / "large" / "sim" / "2").mkdir()
+    assert judge(folder, repetitions=2) == 3
+    lines = capsys.readouterr().out.splitlines()
+    assert any(line.startswith("large/sim/1") for line in lines)
+    assert "never flown: large/sim/2" in lines
+    assert "begun and lost, without a result: large/sim/2" in lines
+    assert lines[-1].startswith("not accepted; never flown")
+
+
 def test_a_run_that_a_sequential_test_does_not_count_is_named(
     recorded: Path, tmp_path: Path, capsys: Any
 ) -> None:
