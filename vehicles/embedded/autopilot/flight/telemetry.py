@@ -257,6 +257,8 @@ def gps_raw_int(s: AutopilotState, fix: TelemetryFix) -> Any:
     """Return the telemetry message GPS_RAW_INT at the estimate."""
     here = s.frame.to_geodetic(s.now.position_ned_m)
     altitude_mm = round(here.altitude_m * 1e3)
+    north_m_s, east_m_s, _ = s.now.velocity_ned_m_s
+    course_deg = math.degrees(math.atan2(east_m_s, north_m_s))
     return mavlink.MAVLink_gps_raw_int_message(
         s.boot_us,
         fix.kind,
@@ -266,7 +268,7 @@ def gps_raw_int(s: AutopilotState, fix: TelemetryFix) -> Any:
         fix.eph,
         fix.epv,
         round(ground_speed_m_s(s) * 100.0),
-        heading_deg(s) * 100,
+        round(course_deg * 100.0) % 36000,
         fix.satellites,
         altitude_mm,
         *fix.accuracies,
