@@ -1,7 +1,7 @@
 """What flights need of time and disk, as text: from the last ones of a campaign, else a guess."""
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,6 +11,7 @@ from wil_campaign.campaigns.setup.case_setup import FLIES, Case
 from wil_campaign.campaigns.values.sensor_setups import CameraSetup, DepthSetup
 from wil_campaign.foundation.clocks.virtual_loop import Clock
 from wil_campaign.foundation.files.limited_json import loads_limited_json
+from wil_campaign.foundation.files.paths import file_sizes
 from wil_campaign.orchestrator.cli.text_table import count_text
 from wil_campaign.vehicles.embedded.physics.motion_kernel import estimate_motion
 from wil_campaign.worlds.jit import is_kernel_cached
@@ -99,7 +100,7 @@ def _last_needs(folder: Path, clock: Clock) -> FlightNeeds | None:
     for path in flown[:3]:
         walls_s = list(_wall_times_s(path / "summary.json", clock))
         if walls_s:
-            size_mb = sum(_sizes(path)) / 1e6
+            size_mb = sum(file_sizes(path).values()) / 1e6
             return FlightNeeds(sum(walls_s) / len(walls_s), size_mb / len(walls_s), True)
     return None
 
@@ -117,14 +118,6 @@ def _wall_times_s(summary: Path, clock: Clock) -> Iterator[float]:
             wall_s = run.get("wall_s") if isinstance(run, dict) else None
             if isinstance(wall_s, int | float) and wall_s > 0.0:
                 yield float(wall_s)
-
-
-def _sizes(folder: Path) -> Iterable[int]:
-    for path in folder.rglob("*"):
-        try:
-            yield path.lstat().st_size
-        except OSError:
-            continue  # it may just have been removed
 
 
 def _duration_text(wall_s: float) -> str:

@@ -68,16 +68,20 @@ def is_port_in_use(number: int, protocol: Protocol) -> bool:
 
 def port_holder(number: int, protocol: Protocol) -> str | None:
     """Return name and id of the process that uses a port; None where unknown."""
-    inodes = set(_inodes(number, protocol))
-    if not inodes:
-        return None
-    for link in Path("/proc").glob("[0-9]*/fd/*"):
-        with contextlib.suppress(OSError):
-            target = str(link.readlink())
-            if target.startswith("socket:[") and target[8:-1] in inodes:
-                process = link.parent.parent
+    sockets = {f"socket:[{inode}]" for inode in _inodes(number, protocol)}
+    for process in Path("/proc").iterdir() if sockets else ():
+        if process.name.isdecimal() and sockets.intersection(_open_files(process)):
+            with contextlib.suppress(OSError):
                 return f"{(process / 'comm').read_text().strip()} (process {process.name})"
     return None
+
+
+def _open_files(process: Path) -> Iterator[str]:
+    """Yield what a process has open; nothing of one that ended meanwhile, or is somebody else's."""
+    with contextlib.suppress(OSError):
+        for link in (process / "fd").iterdir():
+            with contextlib.suppress(OSError):
+                yield str(link.readlink())
 
 
 def _inodes(number: int, protocol: Protocol) -> Iterator[str]:

@@ -10,6 +10,7 @@ from collections.abc import Callable, Collection, Mapping
 from pathlib import Path
 
 from wil_campaign.campaigns.setup.vehicle_setups import FlownSetup
+from wil_campaign.foundation.files.paths import file_sizes
 from wil_campaign.orchestrator.run.vehicles.arming_record import ArmingRecord
 from wil_campaign.orchestrator.run.vehicles.onboard_fences import OnboardFences
 from wil_campaign.orchestrator.run.vehicles.preflight_checks import (
@@ -36,10 +37,9 @@ def flight_log(folder: Path) -> Path | None:
 
     ArduCopter begins another one, almost empty, as soon as it has landed.
     """
-    files = (file for file in folder.rglob("*") if file.suffix.lower() in _SUFFIXES)
-    sizes = {file: file.stat().st_size for file in files if file.name != _NO_LOG}
-    written = [file for file, size in sizes.items() if size > 0]
-    return max(written, key=lambda file: sizes[file], default=None)
+    sizes = file_sizes(folder)
+    logs = [file for file in sizes if file.suffix.lower() in _SUFFIXES and file.name != _NO_LOG]
+    return max((file for file in logs if sizes[file] > 0), key=sizes.__getitem__, default=None)
 
 
 Note = Callable[..., None]

@@ -1,7 +1,9 @@
 """What flights need: as the last ones of the campaign, else a guess that says so."""
 
 import json
+import os
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -45,6 +47,22 @@ def test_the_newest_flights_by_the_same_clock_count(tmp_path: Path) -> None:
     assert text == "about 10 s and 7 MB (as last time)"
     text = needs(tmp_path, 300, 1, "wall")
     assert text == "about 4.2 hours and 460 MB (as last time)"
+
+
+def test_a_folder_that_another_program_removes_meanwhile_is_left_out(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    flown(tmp_path / "20260101T000000Z", wall_s=4.0)
+    (tmp_path / "20260101T000000Z" / "gone").mkdir()
+    listed = os.scandir
+
+    def scandir(path: Any) -> Any:
+        if Path(path).name == "gone":
+            raise FileNotFoundError(path)
+        return listed(path)
+
+    monkeypatch.setattr(os, "scandir", scandir)
+    assert needs(tmp_path, 4, 2, "virtual") == "about 10 s and 7 MB (as last time)"
 
 
 @pytest.mark.parametrize("content", ["", "[]", '{"clock": "virtual", "runs": 7}', "{\0"])

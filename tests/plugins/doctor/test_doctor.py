@@ -107,7 +107,12 @@ def test_a_missing_mavsdk_is_a_note_with_its_remedy() -> None:
 
 
 @pytest.mark.parametrize("protocol", ["udp", "tcp"])
-def test_a_port_that_is_taken_names_its_holder(protocol: ports.Protocol) -> None:
+def test_a_port_that_is_taken_names_its_holder(
+    protocol: ports.Protocol, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Also where a process has ended since it was listed."""
+    listed = os.listdir
+    monkeypatch.setattr(os, "listdir", lambda path: ["4194304", *listed(path)])
     kind = socket.SOCK_DGRAM if protocol == "udp" else socket.SOCK_STREAM
     with socket.socket(socket.AF_INET, kind) as mine:
         mine.bind(("127.0.0.1", 0))

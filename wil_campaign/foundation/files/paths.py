@@ -4,6 +4,8 @@ Before Python 3.14 pathlib's methods raise for a name that is too long, and in a
 be entered.
 """
 
+import os
+from contextlib import suppress
 from pathlib import Path
 
 from wil_campaign.foundation.files.problems import BadInput, Problem, is_encodable
@@ -52,3 +54,16 @@ def path_exists(path: Path) -> bool:
         return path.exists()
     except OSError:
         return False
+
+
+def file_sizes(folder: Path) -> dict[Path, int]:
+    """Return the files beneath a folder with their sizes in bytes; what vanishes is left out.
+
+    Path.rglob raises when another process removes a folder meanwhile.
+    """
+    sizes = {}
+    for home, _, names in os.walk(folder):
+        for path in map(Path(home).joinpath, names):
+            with suppress(OSError):
+                sizes[path] = path.lstat().st_size
+    return sizes
