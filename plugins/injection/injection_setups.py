@@ -31,8 +31,8 @@ class InjectionSetup:
     """An injection: a MAVLink message that is sent to the autopilots from outside.
 
     sensor: whose mixed readings it is made of; objects: whose places it is made of. to: the
-    vehicles that receive it. rate_hz: None for the default of the autopilot. A range sensor without
-    `sensor` only stands by: it says until the takeoff that nothing is known.
+    vehicles that receive it. rate_hz: None for the default of the autopilot. only_stands_by: its
+    range sensor says all the time that nothing is known, so that nothing acts on it.
     """
 
     thing: Injected
@@ -40,11 +40,7 @@ class InjectionSetup:
     sensor: str | None = None
     objects: tuple[str, ...] = ()
     rate_hz: float | None = None
-
-    @property
-    def only_stands_by(self) -> bool:
-        """Return whether it never has a reading to inject, so that nothing acts on it."""
-        return self.thing in _SENSOR_OF and self.sensor is None
+    only_stands_by: bool = False
 
     def on_the_way_back(self) -> Iterator["InjectionSetup"]:
         """Yield what a flight back needs of it: poses, and that a lidar stands by.
@@ -52,7 +48,7 @@ class InjectionSetup:
         Without either an autopilot that listens to it does not arm. Nothing virtual is in the way.
         """
         if self.thing == "obstacle_distance":
-            yield replace(self, sensor=None)
+            yield replace(self, only_stands_by=True)
         elif self.thing in _POSES and self.sensor is None:
             yield self
 

@@ -5,7 +5,7 @@ Checks that autopilots use injected messages: before arming, and in flight.
 
 import asyncio
 from collections.abc import Coroutine, Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from wil_campaign.campaigns.setup.case_setup import VehicleSetup
@@ -31,6 +31,7 @@ from wil_campaign.vehicles.errors import ParameterError, VehicleError
 from wil_campaign.vehicles.readings import Reading
 from wil_campaign.worlds.frames import Pose, rotate
 
+_OF_OBSTACLES = frozenset({"obstacle_distance", "distance_sensor_sideways"})
 _DOWN = 0.7
 """A rangefinder that looks down by this share or more measures height, else proximity."""
 
@@ -176,7 +177,8 @@ class Injections(Observer):
         self._proofs = await prove_injection(
             self._contexts, vehicles, self._injections, unbooted=unbooted
         )
-        return f"injections into {' and '.join(self._injectors)} are used"
+        fed = dict.fromkeys(proof.context.name for proof in self._proofs)
+        return f"injections into {' and '.join(fed)} are used" if fed else ""
 
     def tasks(self, run_state: RunState, /) -> Iterator[tuple[str, Coroutine[Any, Any, None]]]:
         """Yield what injects places of objects, and what watches that the autopilots act on it."""
@@ -220,4 +222,28 @@ class Injections(Observer):
 
 def observe(setup: RunSetup, given: InjectionSetups, events: Mapping[str, float]) -> Injections:
     """Return the injections of a run."""
-    return Injections(setup=setup, injections=given.injections, events=events)
+    injections = tuple(_beside_follower(setup, given.injections))
+    return Injections(setup=setup, injections=injections, events=events)
+
+
+def _beside_follower(
+    setup: RunSetup, injections: Iterable[InjectionSetup]
+) -> Iterator[InjectionSetup]:
+    """Yield injections, of which those of obstacles only stand by for a twin that follows.
+
+    They are seen from the real vehicle, which has kept from them already: a twin that keeps from
+    them by itself is pushed off the vehicle that it follows.
+    """
+    companion = setup.companion
+    follower = setup.vehicle(companion) if companion is not None else None
+    for one in injections:
+        if follower is None or follower.coupling != "follow" or follower.name not in one.to:
+            yield one
+            continue
+        thing = injected_message_name(one.thing, _mount(follower, one.sensor))
+        if thing not in _OF_OBSTACLES:
+            yield one
+            continue
+        if others := tuple(name for name in one.to if name != follower.name):
+            yield replace(one, to=others)
+        yield replace(one, to=(follower.name,), only_stands_by=True)

@@ -162,7 +162,7 @@ class Injector:
     def perceived(self, sensor: str, reading: Reading) -> None:
         """Inject a sensor's mixed reading, if an injection uses it."""
         for injection in self._injections:
-            if injection.sensor != sensor:
+            if injection.sensor != sensor or injection.only_stands_by:
                 continue
             if injection.thing == "obstacle_distance" and isinstance(reading, LidarScanReading):
                 self._offer(injection, "", obstacle_distance(reading), reading.t_s)
@@ -178,7 +178,7 @@ class Injector:
                 self._offer_pose(injection, reading)
 
     async def stand_by(self, run_state: RunState) -> None:
-        """Send that range sensors have measured nothing yet, until the takeoff.
+        """Send that range sensors have measured nothing yet, until the takeoff; or all the time.
 
         It begins once the vehicle is identified. Mixed readings begin with the takeoff, and an
         ArduCopter that is to listen to a sensor does not arm while it is silent: "PreArm: PRX1: No
@@ -186,7 +186,9 @@ class Injector:
         """
         of_ranges = [one for one in self._injections if one.thing in _OF_RANGES]
         await run_state.reaching("ready")
-        while of_ranges and not run_state.reached("takeoff"):
+        while of_ranges:
+            if run_state.reached("takeoff"):
+                of_ranges = [one for one in of_ranges if one.only_stands_by]
             now_s = asyncio.get_running_loop().time()
             for one in of_ranges:
                 beams = self._mounts if one.thing == "distance_sensor" else {}
@@ -208,7 +210,7 @@ class Injector:
     def results(self) -> tuple[InjectedResult, ...]:
         """Return the counts of injected messages."""
         by_message: dict[str, list[PacedMessages]] = {
-            injection.thing: [] for injection in self._injections
+            injection.thing: [] for injection in self._injections if not injection.only_stands_by
         }
         for (thing, _), paced in self._paced.items():
             by_message[thing].append(paced)

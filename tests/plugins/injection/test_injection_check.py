@@ -1,6 +1,7 @@
 """Before arming each autopilot is asked whether it will act on what it is told."""
 
 import typing
+from dataclasses import replace
 from typing import cast
 
 import pytest
@@ -79,7 +80,7 @@ def test_a_vehicle_without_injection_is_asked_nothing() -> None:
 
 
 def test_a_range_sensor_that_only_stands_by_need_not_be_acted_on() -> None:
-    assert proven({}, InjectionSetup(thing="obstacle_distance", to=("real",))).asked == []
+    assert proven({}, replace(OBSTACLES, only_stands_by=True)).asked == []
 
 
 def test_a_rangefinder_is_height_or_proximity_by_where_it_looks() -> None:

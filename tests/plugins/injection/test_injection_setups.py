@@ -50,7 +50,7 @@ def test_a_flight_back_has_what_the_vehicle_flies_by_and_nothing_virtual() -> No
     obstacles = of("obstacle_distance", sensor="lidar")
     back = InjectionSetups((*virtual, obstacles, vision)).on_the_way_back()
     assert back is not None
-    silent = of("obstacle_distance")
+    silent = of("obstacle_distance", sensor="lidar", only_stands_by=True)
     assert back.injections == (silent, vision)
     assert (silent.only_stands_by, vision.only_stands_by) == (True, False)
     assert InjectionSetups(virtual).on_the_way_back() is None

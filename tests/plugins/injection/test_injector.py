@@ -123,6 +123,28 @@ def test_a_range_sensor_stands_by_until_the_takeoff_and_no_dead_one_in_flight() 
     assert 0 < sent[1] < sent[2] == sent[3] == sent[4]
 
 
+def test_a_range_sensor_that_only_stands_by_does_so_in_flight_too() -> None:
+    async def fly() -> FakeStation:
+        twin, run_state = FakeStation(), RunState(time=asyncio.get_running_loop().time)
+        setup = InjectionSetup(
+            thing="obstacle_distance", to=("real",), sensor="lidar", only_stands_by=True
+        )
+        told = injector(twin, setup)
+        standing = asyncio.create_task(told.stand_by(run_state))
+        for stage in ("identify", "ready", "arm", "takeoff", "goal"):
+            run_state.enter(stage)
+            await asyncio.sleep(1.0)
+            now_s = asyncio.get_running_loop().time()
+            told.perceived("lidar", scan(now_s))
+        assert told.results == ()
+        standing.cancel()
+        return twin
+
+    twin = run_virtual(fly())
+    assert len(twin.driver.told) >= 19
+    assert {cm for message in twin.driver.told for cm in message.distances} == {65_535}
+
+
 def test_a_rate_of_the_campaign_wins() -> None:
     async def feed() -> FakeStation:
         real = FakeStation()
