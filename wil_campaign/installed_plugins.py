@@ -24,7 +24,7 @@ SHIPPED: Mapping[str, Mapping[str, tuple[str, ...]]] = {
     "cameras": {"image_sources": ("rtsp", "rtp", "v4l2", "images", "video", "mcap")},
     "ci": {"announcers": ("ci",), "problem_formats": ("sarif", "codequality")},
     "cluster": {"commands": ("bench", "bench check", "bench serve"), "engines": ("ray",)},
-    "console": {"commands": ("console",), "live_views": ("console",)},
+    "console": {"commands": ("console", "watch", "fence"), "live_views": ("console",)},
     "depth_cameras": {"sources": ("rtp", "realsense")},
     "detector": {"recipe_steps": ("isolate_detections",)},
     "doctor": {"commands": ("doctor",)},
@@ -74,8 +74,11 @@ SHIPPED: Mapping[str, Mapping[str, tuple[str, ...]]] = {
     "search": {"campaign_keys": ("search",), "commands": ("search",)},
     "simulator": {"image_sources": ("simulator",)},
     "standalone": {"commands": ("vehicle",)},
-    "start": {"commands": ("init", "schema")},
-    "statistics": {"commands": ("gap", "compare", "history"), "report_sections": ("statistics",)},
+    "start": {"commands": ("init", "schema", "list")},
+    "statistics": {
+        "commands": ("plan", "gap", "compare", "history"),
+        "report_sections": ("statistics",),
+    },
     "steps": {
         "recipe_steps": (
             "subtract_background",

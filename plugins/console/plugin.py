@@ -5,12 +5,24 @@ from wil_campaign.hooks import Command, LiveView, implements
 
 @implements
 def commands() -> tuple[Command, ...]:
-    """Return the command `console`."""
+    """Return the commands `console`, `watch` and `fence`."""
     return (
         Command(
             "console",
             "wil_campaign.plugins.console.console_command:console",
             "Show runs in flight, or a finished run, in the browser.",
+            "operate",
+        ),
+        Command(
+            "watch",
+            "wil_campaign.plugins.console.watch_command:watch",
+            "Show the runs in flight on this machine until they end.",
+            "operate",
+        ),
+        Command(
+            "fence",
+            "wil_campaign.plugins.console.fence_command:fence",
+            "Send new fences to the vehicles in flight.",
             "operate",
         ),
     )

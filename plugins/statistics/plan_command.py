@@ -9,11 +9,11 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from wil_campaign.campaigns.expansion.expansion import Campaign, load_campaign
-from wil_campaign.campaigns.statistics.proportions import flights_without_failure, least_pass_rate
 from wil_campaign.campaigns.values.acceptance import PassRequirement
 from wil_campaign.orchestrator.cli.run_selection import ALL, RunSelection
 from wil_campaign.orchestrator.cli.standard_streams import write_stdout
 from wil_campaign.orchestrator.cli.text_table import count_text, table_lines
+from wil_campaign.plugins.statistics.proportions import flights_without_failure, least_pass_rate
 
 _CLAIMS = (0.80, 0.90, 0.95, 0.99)
 """Pass rates for which the plan states how many flights without a failure show them."""
