@@ -62,12 +62,14 @@ class LiveView:
     name: the option, which takes an address. help: of the option. beside: a function of the
     address, of `say`, which receives the lines for the user, and of the keywords `folder` (only
     campaigns that write there) and `program` (only the campaign of that process), each or None. It
-    returns a context manager, in which the view is open, or raises LiveViewError.
+    returns a context manager, in which the view is open, or raises LiveViewError. feed: a class
+    derived from RunFeed, by which every run feeds the view; empty for one that another's feeds.
     """
 
     name: str
     beside: str
     help: str
+    feed: str = ""
 
 
 @dataclass(frozen=True, slots=True)

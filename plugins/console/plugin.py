@@ -38,5 +38,6 @@ def live_views() -> tuple[LiveView, ...]:
             "A page in the browser to watch the flight and to stop it: HOST, HOST:PORT or :PORT of "
             "this machine; auto for a free port of 127.0.0.1; ADDRESS,CERTIFICATE,KEY (PEM files) "
             "for browsers of other machines. Its links are printed.",
+            "wil_campaign.plugins.console.feed.console_feed:ConsoleFeed",
         ),
     )
