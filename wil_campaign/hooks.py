@@ -201,6 +201,18 @@ class ProblemFormat:
 
 
 @dataclass(frozen=True, slots=True)
+class CaseHints:
+    """Warnings of what is valid in the files of a case, but probably not meant; no result has them.
+
+    name: one word. warnings: a function of the case's CaseFiles, of the Case and of the modes that
+    are flown, which yields Problems; the case may have problems, too.
+    """
+
+    name: str
+    warnings: str
+
+
+@dataclass(frozen=True, slots=True)
 class RecordingFormat:
     """A form of other tools in which campaigns have their runs recorded, too (`record.also`).
 
@@ -610,6 +622,11 @@ def announcers() -> Sequence[Announcer]:  # type: ignore[empty-body]
 @_hook
 def problem_formats() -> Sequence[ProblemFormat]:  # type: ignore[empty-body]
     """Return formats of the faults that `validate` finds."""
+
+
+@_hook
+def case_hints() -> Sequence[CaseHints]:  # type: ignore[empty-body]
+    """Return warnings of cases."""
 
 
 @_hook

@@ -31,6 +31,7 @@ SHIPPED: Mapping[str, Mapping[str, tuple[str, ...]]] = {
     "encounters": {"oracles": ("distance", "encounter")},
     "firmware": {"launches": ("px4",)},
     "foxglove": {"live_views": ("foxglove",)},
+    "hints": {"case_hints": ("unlikely",)},
     "impaired_links": {"link_layers": ("links",), "run_observers": ("links",)},
     "injection": {"run_observers": ("inject",)},
     "lidar": {

@@ -47,6 +47,7 @@ HOOKS = {
     "autonomy_kinds",
     "autopilots",
     "campaign_keys",
+    "case_hints",
     "commands",
     "drivers",
     "engines",

@@ -1,11 +1,9 @@
 """Warnings of `validate`: limits of oracles and gates that no flight of a case exceeds; pure."""
 
-import math
 from collections.abc import Iterator
 from typing import get_args
 
-from wil_campaign.campaigns.schema import Mode
-from wil_campaign.campaigns.setup.case_setup import FLIES, Case
+from wil_campaign.campaigns.setup.case_setup import Case
 from wil_campaign.foundation.files.documents import Document, Path, Problem
 from wil_campaign.safety.fence.fence_schema import FencePart
 from wil_campaign.safety.oracles.area import AltitudeParameters, AreaParameters
@@ -18,10 +16,7 @@ from wil_campaign.safety.oracles.autopilot_health import (
 from wil_campaign.safety.oracles.limit_oracle import BandParameters
 from wil_campaign.safety.oracles.motion import AttitudeParameters
 from wil_campaign.safety.oracles.vehicle_health import LinkParameters
-from wil_campaign.worlds.figures import distinct_value_text
-from wil_campaign.worlds.frames import rotate
-from wil_campaign.worlds.scene.parts import ObjectOpening
-from wil_campaign.worlds.scene.scene import Scene, SceneObject
+from wil_campaign.worlds.scene.scene import Scene
 
 _STEEPEST_DEG = {"max_tilt_deg": 180.0, "max_roll_deg": 180.0, "max_pitch_deg": 90.0}
 """No attitude has a larger angle."""
@@ -29,8 +24,6 @@ _PER_ROOM = 10.0
 _WIDE_M = 100.0
 """An area that exceeds both, the room's width so many times and this width, limits nothing; it was
 probably typed in another unit."""
-_LEAST_LEVEL = 0.5
-"""Of a gate's forward axis: with less of it level, the gate is flown through upwards or down."""
 
 
 def limit_warnings(file: Document, case: Case) -> Iterator[Problem]:
@@ -57,41 +50,6 @@ def limit_warnings(file: Document, case: Case) -> Iterator[Problem]:
             if limit_s >= longest_s:
                 message = f"the time-outs of `sync` end each flight after {longest_s:g} s"
                 yield file.problem((*path, key), f"{message}: it cannot fail")
-
-
-def narrow_gate_warnings(file: Document, case: Case, mode: Mode, scene: Scene) -> Iterator[Problem]:
-    """Yield a warning for each gate of the goal that is narrower than the judged vehicle's body."""
-    vehicle = case.vehicles.get(FLIES[mode][0])
-    for index, gate in enumerate(case.goal.gates if vehicle is not None else ()):
-        if vehicle is None or gate not in scene or not scene[gate].shape.openings:
-            continue  # a problem of the campaign
-        width_m = 2.0 * vehicle.body.half_m[1]
-        free_m = max(_level_width_m(scene[gate], each) for each in scene[gate].shape.openings)
-        if width_m >= free_m:
-            body = f"the body of '{vehicle.name}' is {width_m:g} m wide"
-            message = (
-                f"'{gate}' is open {distinct_value_text(free_m, width_m)} m across, and {body}"
-            )
-            path: Path = ("goal", "gates", index)
-            yield file.problem(path, f"{message}: it does not fly through level")
-
-
-def _level_width_m(thing: SceneObject, opening: ObjectOpening) -> float:
-    """Return how wide an opening is beside the level way through it.
-
-    One that is flown through upwards has no such way: the largest distance of its corners.
-    """
-    if opening.form == "ring":
-        return 2.0 * opening.limit_m
-    half_m = opening.limit_m
-    square = ((-half_m, -half_m), (half_m, -half_m), (half_m, half_m), (-half_m, half_m))
-    pose = thing.pose.compose(opening.pose)
-    places = [pose.to_parent((0.0, *corner)) for corner in opening.corners_m or square]
-    north, east, _ = rotate(pose.q_wxyz, (1.0, 0.0, 0.0))
-    if math.hypot(north, east) < _LEAST_LEVEL:
-        return max(math.dist(one, other) for one in places for other in places)
-    aside_m = [(place[1] * north - place[0] * east) / math.hypot(north, east) for place in places]
-    return max(aside_m) - min(aside_m)
 
 
 def room_warnings(file: Document, case: Case, scene: Scene) -> Iterator[Problem]:
