@@ -73,6 +73,7 @@ SHIPPED: Mapping[str, Mapping[str, tuple[str, ...]]] = {
     "redundant_links": {"link_layers": ("spare_links",)},
     "run_images": {"report_images": ("card", "gif")},
     "search": {"campaign_keys": ("search",), "commands": ("search",)},
+    "signed_links": {"link_layers": ("signing",)},
     "simulator": {"image_sources": ("simulator",)},
     "standalone": {"commands": ("vehicle",)},
     "start": {"commands": ("init", "schema", "list")},

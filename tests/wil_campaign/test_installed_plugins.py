@@ -1141,6 +1141,7 @@ def test_gate_flies_without_any_plugin_and_absent_parts_are_named(tmp_path: Path
             for name in shipped("links")
         ),
         ["run", gate, *one, "--set", "vehicles.real.spare_links=[udpin://0.0.0.0:14550]"],
+        ["run", gate, *one, "--set", "vehicles.real.signing={environment: WIL_KEY}"],
         *(["report", str(tmp_path), f"--{name}"] for name in shipped("report_images")),
         *(
             ["run", gate, *one, "--set", f"vehicles.real.sensors.more={{type: {name}}}"]
