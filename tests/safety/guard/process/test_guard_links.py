@@ -202,7 +202,7 @@ def test_a_guard_of_udp_links_imports_no_other_kind() -> None:
     """It starts in 0.4 s of CPU, which each run on the wall clock waits for."""
     command = [sys.executable, "-P", "-c", IMPORTS]
     done = subprocess.run(command, capture_output=True, text=True, check=True)  # noqa: S603 - ours
-    plugins = {"stream_links", "impaired_links", "redundant_links"}
+    plugins = {"stream_links", "impaired_links", "redundant_links", "signed_links"}
     assert set(done.stdout.split()) == {f"wil_campaign.plugins.{name}.plugin" for name in plugins}
 
 
