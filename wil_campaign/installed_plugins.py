@@ -30,6 +30,10 @@ SHIPPED: Mapping[str, Mapping[str, tuple[str, ...]]] = {
     "doctor": {"commands": ("doctor",)},
     "encounters": {"oracles": ("distance", "encounter")},
     "firmware": {"launches": ("px4",)},
+    "flight_oracles": {
+        "case_hints": ("limits",),
+        "oracles": ("estimator", "battery", "modes", "speed", "attitude", "twin_divergence"),
+    },
     "foxglove": {"live_views": ("foxglove",)},
     "hints": {"case_hints": ("unlikely",)},
     "impaired_links": {"link_layers": ("links",), "run_observers": ("links",)},

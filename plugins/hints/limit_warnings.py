@@ -1,25 +1,15 @@
 """Warnings of `validate`: limits of oracles and gates that no flight of a case exceeds; pure."""
 
 from collections.abc import Iterator
-from typing import get_args
 
 from wil_campaign.campaigns.setup.case_setup import Case
 from wil_campaign.foundation.files.documents import Document, Path, Problem
 from wil_campaign.safety.fence.fence_schema import FencePart
 from wil_campaign.safety.oracles.area import AltitudeParameters, AreaParameters
-from wil_campaign.safety.oracles.autopilot_health import (
-    BatteryParameters,
-    EstimatorParameters,
-    ModeName,
-    ModesParameters,
-)
 from wil_campaign.safety.oracles.limit_oracle import BandParameters
-from wil_campaign.safety.oracles.motion import AttitudeParameters
 from wil_campaign.safety.oracles.vehicle_health import LinkParameters
 from wil_campaign.worlds.scene.scene import Scene
 
-_STEEPEST_DEG = {"max_tilt_deg": 180.0, "max_roll_deg": 180.0, "max_pitch_deg": 90.0}
-"""No attitude has a larger angle."""
 _PER_ROOM = 10.0
 _WIDE_M = 100.0
 """An area that exceeds both, the room's width so many times and this width, limits nothing; it was
@@ -33,23 +23,12 @@ def limit_warnings(file: Document, case: Case) -> Iterator[Problem]:
     for use in case.oracles:
         path: Path = ("oracles", use.name)
         given = use.parameters
-        if isinstance(given, BatteryParameters) and given.min_percent == 0.0:
-            message = "no battery is charged to less than 0 %: it cannot fail"
-            yield file.problem((*path, "min_percent"), message)
-        elif isinstance(given, BandParameters) and not isinstance(given, AltitudeParameters):
+        if isinstance(given, BandParameters) and not isinstance(given, AltitudeParameters):
             if given.low == 0.0 and given.high is None:
                 yield file.problem(path, "nothing is less than 0: it cannot fail", key=True)
-        elif isinstance(given, ModesParameters):
-            if given.max_changes is None and set(given.allowed) >= set(get_args(ModeName)):
-                yield file.problem((*path, "allowed"), "names every mode: it cannot fail")
-        elif isinstance(given, AttitudeParameters):
-            yield from _any_attitude(file, path, given)
-        elif isinstance(given, LinkParameters | EstimatorParameters):
-            key = "max_gap_s" if isinstance(given, LinkParameters) else "max_unsound_s"
-            limit_s: float = getattr(given, key)
-            if limit_s >= longest_s:
-                message = f"the time-outs of `sync` end each flight after {longest_s:g} s"
-                yield file.problem((*path, key), f"{message}: it cannot fail")
+        elif isinstance(given, LinkParameters) and given.max_gap_s >= longest_s:
+            message = f"the time-outs of `sync` end each flight after {longest_s:g} s"
+            yield file.problem((*path, "max_gap_s"), f"{message}: it cannot fail")
 
 
 def room_warnings(file: Document, case: Case, scene: Scene) -> Iterator[Problem]:
@@ -63,14 +42,6 @@ def room_warnings(file: Document, case: Case, scene: Scene) -> Iterator[Problem]
                 yield file.problem(("oracles", use.name, "max_m"), message)
         elif isinstance(given, AreaParameters):
             yield from _wide_area(file, ("oracles", use.name, "keep"), given.keep, scene)
-
-
-def _any_attitude(file: Document, path: Path, given: AttitudeParameters) -> Iterator[Problem]:
-    for key, steepest_deg in _STEEPEST_DEG.items():
-        limit_deg = getattr(given, key)
-        if limit_deg is not None and limit_deg >= steepest_deg:
-            message = f"no attitude is beyond {steepest_deg:g} degrees: it cannot fail"
-            yield file.problem((*path, key), message)
 
 
 def _wide_area(file: Document, path: Path, keep: FencePart, scene: Scene) -> Iterator[Problem]:

@@ -7,7 +7,7 @@ import pytest
 
 from tests.campaigns.checks.test_case_warnings import EXISTS, INTRUDER
 from tests.vehicles.embedded.physics.test_parts import AIRFRAME_NUMBERS
-from wil_campaign.safety.oracles.autopilot_health import ModeName
+from wil_campaign.safety.model.samples import ModeName
 from wil_campaign.vehicles.embedded.profile import load_profile
 
 NOT_MIXED = "no combination mixes in 'intruder', which exists in the virtual world only"
