@@ -59,19 +59,6 @@ def validate(
     return ()
 
 
-def plan(campaign: Campaign | str | Path) -> dict[str, object]:
-    """Return what `wil-campaign plan --json` prints of a loaded campaign, or of a file.
-
-    Its runs and controls with their seeds, what it requires, and the flights that claims need.
-    Raises BadInput.
-    """
-    from wil_campaign.plugins.statistics.plan_command import (  # noqa: PLC0415 - may be absent
-        plan_document,
-    )
-
-    return plan_document(campaign if isinstance(campaign, Campaign) else load(campaign))
-
-
 def judge(
     file: str | Path,
     folder: str | Path,

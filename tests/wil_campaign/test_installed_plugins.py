@@ -993,7 +993,7 @@ for words in {words}:
 import wil_campaign
 for folder in Path({out!r}).glob("*/*"):
     print("written:", *((folder / name).exists() for name in ("report.html", "statistics.json")))
-for name in ("BadInput", "run", "Recording", "Study"):
+for name in ("BadInput", "run", "Recording", "Study", "plan"):
     try:
         print("named:", getattr(wil_campaign, name).__name__)
     except ImportError as error:
@@ -1176,7 +1176,10 @@ def test_gate_flies_without_any_plugin_and_absent_parts_are_named(tmp_path: Path
     assert re.search(line, done.stderr)
     # Of the run: report.html, statistics.json.
     assert "written: True False\nnamed: BadInput\n" in done.stdout
-    for name, plugin in (("run", "python"), ("Recording", "python"), ("Study", "statistics")):
+    for name, plugin in (
+        *(("run", "python"), ("Recording", "python")),
+        *(("Study", "statistics"), ("plan", "statistics")),
+    ):
         assert f"'{name}' is of the plugin {plugin}, which is not installed: pip " in done.stdout
     assert re.search(r"types\.yaml:2:\d+: 'microphone' is of the plugin microphone, ", done.stderr)
     assert absent_additions(hooks.commands) == {}
