@@ -37,16 +37,16 @@ from bench.guard import guarded, p99_ms, tell
 from tests.orchestrator.report.browser import Page, browser
 from tests.orchestrator.report.recorded_campaign import CAMPAIGN, WORLD
 from tests.orchestrator.wall_runs import ROOT
-from wil_campaign.orchestrator.live_feed.feed_images import image_view
-from wil_campaign.orchestrator.live_feed.feed_messages import (
+from wil_campaign.orchestrator.state.mixtures import PreviewImages
+from wil_campaign.plugins.console.feed.feed_images import image_view
+from wil_campaign.plugins.console.feed.feed_messages import (
     EventView,
     RunView,
     VehicleView,
     feed_codec,
 )
-from wil_campaign.orchestrator.live_feed.feed_publisher import FeedPublisher
-from wil_campaign.orchestrator.live_feed.feed_sockets import FeedSender, find_console_sockets
-from wil_campaign.orchestrator.state.mixtures import PreviewImages
+from wil_campaign.plugins.console.feed.feed_publisher import FeedPublisher
+from wil_campaign.plugins.console.feed.feed_sockets import FeedSender, find_console_sockets
 from wil_campaign.vehicles.readings import CameraReading, Source
 from wil_campaign.worlds.camera import Intrinsics
 

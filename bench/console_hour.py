@@ -29,8 +29,8 @@ from bench.console import (
 from bench.guard import tell
 from tests.orchestrator.report.browser import Page, browser
 from tests.orchestrator.wall_runs import ROOT
-from wil_campaign.orchestrator.live_feed.feed_publisher import FeedPublisher
 from wil_campaign.orchestrator.state.mixtures import PreviewImages
+from wil_campaign.plugins.console.feed.feed_publisher import FeedPublisher
 
 LARGEST_GROWTH_PERCENT = 5.0
 MINUTE_S = 60.0

@@ -36,9 +36,9 @@ from bench.console import (
 )
 from tests.orchestrator.report.browser import Page, browser
 from tests.orchestrator.wall_runs import ROOT
-from wil_campaign.orchestrator.live_feed.feed_messages import FeedMessage, ImageView
-from wil_campaign.orchestrator.live_feed.feed_publisher import FeedPublisher
 from wil_campaign.orchestrator.state.mixtures import PreviewImages
+from wil_campaign.plugins.console.feed.feed_messages import FeedMessage, ImageView
+from wil_campaign.plugins.console.feed.feed_publisher import FeedPublisher
 
 WARM_UP_S = 3.0
 STAGES = ("exposure to sent", "sent to arrived", "arrived to drawn")

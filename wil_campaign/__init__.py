@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from wil_campaign.plugins.offline.replay import ReplayReport
     from wil_campaign.plugins.python.campaign_results import CampaignResults, read_results
     from wil_campaign.plugins.python.flying import CannotFlyError, run, run_async
-    from wil_campaign.plugins.python.loading import judge, load, plan, report, validate
+    from wil_campaign.plugins.python.loading import judge, load, report, validate
     from wil_campaign.plugins.python.mcap_reader import (
         Recorded,
         RecordedEvent,
@@ -44,6 +44,7 @@ if TYPE_CHECKING:
         mock_vehicle,
     )
     from wil_campaign.plugins.search.calls import SearchResults, search, search_async
+    from wil_campaign.plugins.statistics.campaign_plan import plan
     from wil_campaign.plugins.statistics.comparison.errors import ComparisonError
     from wil_campaign.plugins.statistics.comparison.folder_comparison import (
         FolderComparison,
@@ -110,7 +111,7 @@ _MODULES = {
     "orchestrator.reading.errors": ("ResultsFolderError",),
     "plugins.python.campaign_results": ("CampaignResults", "read_results"),
     "plugins.python.flying": ("CannotFlyError", "run", "run_async"),
-    "plugins.python.loading": ("judge", "load", "plan", "report", "validate"),
+    "plugins.python.loading": ("judge", "load", "report", "validate"),
     "orchestrator.campaign.flight_options": ("FlightOptions",),
     "plugins.python.mock_vehicle": ("MockVehicle", "MockVehicleError", "mock_vehicle"),
     "orchestrator.campaign.reevaluation": ("Judgement",),
@@ -130,6 +131,7 @@ _MODULES = {
     "plugins.offline.file_mixing": ("CombinationReport",),
     "plugins.offline.replay": ("ReplayReport",),
     "plugins.search.calls": ("SearchResults", "search", "search_async"),
+    "plugins.statistics.campaign_plan": ("plan",),
     "plugins.statistics.comparison.errors": ("ComparisonError",),
     "plugins.statistics.comparison.folder_comparison": ("FolderComparison", "compare"),
     "plugins.statistics.history.folder_history": ("History", "history"),

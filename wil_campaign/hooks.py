@@ -62,12 +62,14 @@ class LiveView:
     name: the option, which takes an address. help: of the option. beside: a function of the
     address, of `say`, which receives the lines for the user, and of the keywords `folder` (only
     campaigns that write there) and `program` (only the campaign of that process), each or None. It
-    returns a context manager, in which the view is open, or raises LiveViewError.
+    returns a context manager, in which the view is open, or raises LiveViewError. feed: a class
+    derived from RunFeed, by which every run feeds the view; empty for one that another's feeds.
     """
 
     name: str
     beside: str
     help: str
+    feed: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -196,6 +198,18 @@ class ProblemFormat:
     text: str
     help: str
     mark: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class CaseHints:
+    """Warnings of what is valid in the files of a case, but probably not meant; no result has them.
+
+    name: one word. warnings: a function of the case's CaseFiles, of the Case and of the modes that
+    are flown, which yields Problems; the case may have problems, too.
+    """
+
+    name: str
+    warnings: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -608,6 +622,11 @@ def announcers() -> Sequence[Announcer]:  # type: ignore[empty-body]
 @_hook
 def problem_formats() -> Sequence[ProblemFormat]:  # type: ignore[empty-body]
     """Return formats of the faults that `validate` finds."""
+
+
+@_hook
+def case_hints() -> Sequence[CaseHints]:  # type: ignore[empty-body]
+    """Return warnings of cases."""
 
 
 @_hook

@@ -24,13 +24,18 @@ SHIPPED: Mapping[str, Mapping[str, tuple[str, ...]]] = {
     "cameras": {"image_sources": ("rtsp", "rtp", "v4l2", "images", "video", "mcap")},
     "ci": {"announcers": ("ci",), "problem_formats": ("sarif", "codequality")},
     "cluster": {"commands": ("bench", "bench check", "bench serve"), "engines": ("ray",)},
-    "console": {"commands": ("console",), "live_views": ("console",)},
+    "console": {"commands": ("console", "watch", "fence"), "live_views": ("console",)},
     "depth_cameras": {"sources": ("rtp", "realsense")},
     "detector": {"recipe_steps": ("isolate_detections",)},
     "doctor": {"commands": ("doctor",)},
     "encounters": {"oracles": ("distance", "encounter")},
     "firmware": {"launches": ("px4",)},
+    "flight_oracles": {
+        "case_hints": ("limits",),
+        "oracles": ("estimator", "battery", "modes", "speed", "attitude", "twin_divergence"),
+    },
     "foxglove": {"live_views": ("foxglove",)},
+    "hints": {"case_hints": ("unlikely",)},
     "impaired_links": {"link_layers": ("links",), "run_observers": ("links",)},
     "injection": {"run_observers": ("inject",)},
     "lidar": {
@@ -72,10 +77,14 @@ SHIPPED: Mapping[str, Mapping[str, tuple[str, ...]]] = {
     "redundant_links": {"link_layers": ("spare_links",)},
     "run_images": {"report_images": ("card", "gif")},
     "search": {"campaign_keys": ("search",), "commands": ("search",)},
+    "signed_links": {"link_layers": ("signing",)},
     "simulator": {"image_sources": ("simulator",)},
     "standalone": {"commands": ("vehicle",)},
-    "start": {"commands": ("init", "schema")},
-    "statistics": {"commands": ("gap", "compare", "history"), "report_sections": ("statistics",)},
+    "start": {"commands": ("init", "schema", "list")},
+    "statistics": {
+        "commands": ("plan", "gap", "compare", "history"),
+        "report_sections": ("statistics",),
+    },
     "steps": {
         "recipe_steps": (
             "subtract_background",

@@ -25,7 +25,7 @@ from wil_campaign.vehicles.command_backends import OWN_FRAMES
 from wil_campaign.vehicles.coupling import Coupling
 from wil_campaign.vehicles.embedded.physics.config import Physics
 from wil_campaign.vehicles.launch import LaunchPart, Pace, Text
-from wil_campaign.vehicles.links.link_conditions import SPARE_LINKS
+from wil_campaign.vehicles.links.link_conditions import SIGNING, SPARE_LINKS
 from wil_campaign.vehicles.links.link_strings import LinkAddressError, parse_link
 from wil_campaign.worlds.frames import Pose
 from wil_campaign.worlds.scene.parts import BoxShape
@@ -185,7 +185,9 @@ class SigningPart(Part):
 
     @model_validator(mode="after")
     def _require_exactly_one(self) -> Self:
-        """Require one place of a vehicle's signing key: file or environment."""
+        """Require one place of a vehicle's signing key: file or environment; and its plugin."""
+        if why := absent_additions(link_layers).get(SIGNING):
+            raise ValueError(why)
         if (self.file is None) == (self.environment is None):
             raise ValueError("give a file, or the name of an environment variable")
         return self

@@ -1,1 +1,1 @@
-"""Statistics of flights: proportions with their intervals, and the sequential test."""
+"""Statistics of flights: the sequential test."""

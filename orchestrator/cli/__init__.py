@@ -45,12 +45,6 @@ _COMMANDS = (
         "start",
     ),
     Command(
-        "plan",
-        "wil_campaign.orchestrator.cli.commands.plan:plan",
-        "Show the runs of a campaign; nothing flies.",
-        "start",
-    ),
-    Command(
         "judge",
         "wil_campaign.orchestrator.cli.commands.judge:judge",
         "Judge recorded runs again; nothing flies.",
@@ -79,24 +73,6 @@ _COMMANDS = (
         "wil_campaign.orchestrator.cli.commands.operate:resume",
         "Resume after a hold.",
         "operate",
-    ),
-    Command(
-        "fence",
-        "wil_campaign.orchestrator.cli.commands.fence:fence",
-        "Send new fences to the vehicles in flight.",
-        "operate",
-    ),
-    Command(
-        "watch",
-        "wil_campaign.orchestrator.cli.commands.watch:watch",
-        "Show the runs in flight on this machine until they end.",
-        "operate",
-    ),
-    Command(
-        "list",
-        "wil_campaign.orchestrator.cli.commands.listing:list_available",
-        "List campaigns, operators, autonomies, oracles, signals and plugins.",
-        "start",
     ),
 )
 """The commands of the core; those of plugins come by `hooks.commands`."""

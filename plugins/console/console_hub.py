@@ -13,7 +13,8 @@ from typing import Any, Generic, TypeVar
 
 import msgspec
 
-from wil_campaign.orchestrator.live_feed.feed_messages import (
+from wil_campaign.plugins.console.console_access import ConsoleAccess
+from wil_campaign.plugins.console.feed.feed_messages import (
     EventView,
     FactsView,
     FeedMessage,
@@ -21,7 +22,6 @@ from wil_campaign.orchestrator.live_feed.feed_messages import (
     RunView,
     VehicleView,
 )
-from wil_campaign.plugins.console.console_access import ConsoleAccess
 from wil_campaign.plugins.console.page_client import PageClient, image_packet, page_json
 from wil_campaign.plugins.console.scene_document import RunScene
 

@@ -16,8 +16,6 @@ from aiohttp import web
 
 from wil_campaign.foundation.processes.codec import ProcessMessageError
 from wil_campaign.foundation.tasks import open_task_group, stop_tasks
-from wil_campaign.orchestrator.live_feed.feed_messages import feed_codec
-from wil_campaign.orchestrator.live_feed.feed_sockets import feed_receiver
 from wil_campaign.plugins.console.campaign_poller import POLL_S, CampaignPoller
 from wil_campaign.plugins.console.console_access import ConsoleAccess, Role
 from wil_campaign.plugins.console.console_address import (
@@ -28,6 +26,8 @@ from wil_campaign.plugins.console.console_address import (
 )
 from wil_campaign.plugins.console.console_hub import ConsoleHub
 from wil_campaign.plugins.console.console_server import ConsoleServer
+from wil_campaign.plugins.console.feed.feed_messages import feed_codec
+from wil_campaign.plugins.console.feed.feed_sockets import feed_receiver
 from wil_campaign.plugins.console.flight_scope import FlightScope
 from wil_campaign.plugins.console.page_commands import CommandSender
 from wil_campaign.plugins.console.playback import Playback

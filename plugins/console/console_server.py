@@ -16,10 +16,10 @@ from aiohttp import web
 
 from wil_campaign.campaigns.setup.vehicle_fences import changed_fences
 from wil_campaign.foundation.files.documents import BadInput
-from wil_campaign.orchestrator.live_feed.feed_messages import RunView
 from wil_campaign.plugins.console.console_access import AccessError, ConsoleAccess, ConsoleSession
 from wil_campaign.plugins.console.console_address import RequestRules
 from wil_campaign.plugins.console.console_hub import ConsoleHub
+from wil_campaign.plugins.console.feed.feed_messages import RunView
 from wil_campaign.plugins.console.page_client import MAX_MESSAGE_BYTES, PageClient
 from wil_campaign.plugins.console.page_commands import (
     MAX_BODY_BYTES,

@@ -12,8 +12,8 @@ import msgspec
 from aiohttp import WSMsgType, web
 
 from wil_campaign.foundation.tasks import open_task_group
-from wil_campaign.orchestrator.live_feed.feed_messages import ImageView
 from wil_campaign.plugins.console.console_access import ConsoleSession
+from wil_campaign.plugins.console.feed.feed_messages import ImageView
 
 WINDOW = 2
 """Unacknowledged images per camera."""

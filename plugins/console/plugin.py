@@ -5,12 +5,24 @@ from wil_campaign.hooks import Command, LiveView, implements
 
 @implements
 def commands() -> tuple[Command, ...]:
-    """Return the command `console`."""
+    """Return the commands `console`, `watch` and `fence`."""
     return (
         Command(
             "console",
             "wil_campaign.plugins.console.console_command:console",
             "Show runs in flight, or a finished run, in the browser.",
+            "operate",
+        ),
+        Command(
+            "watch",
+            "wil_campaign.plugins.console.watch_command:watch",
+            "Show the runs in flight on this machine until they end.",
+            "operate",
+        ),
+        Command(
+            "fence",
+            "wil_campaign.plugins.console.fence_command:fence",
+            "Send new fences to the vehicles in flight.",
             "operate",
         ),
     )
@@ -26,5 +38,6 @@ def live_views() -> tuple[LiveView, ...]:
             "A page in the browser to watch the flight and to stop it: HOST, HOST:PORT or :PORT of "
             "this machine; auto for a free port of 127.0.0.1; ADDRESS,CERTIFICATE,KEY (PEM files) "
             "for browsers of other machines. Its links are printed.",
+            "wil_campaign.plugins.console.feed.console_feed:ConsoleFeed",
         ),
     )

@@ -6,16 +6,6 @@ from collections.abc import Awaitable, Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from wil_campaign.orchestrator.live_feed.feed_images import image_view
-from wil_campaign.orchestrator.live_feed.feed_messages import (
-    EventView,
-    FactsView,
-    FeedMessage,
-    MarginView,
-    RunView,
-    VehicleView,
-    flown_poses,
-)
 from wil_campaign.orchestrator.reading.judged_motion import read_judged_motion
 from wil_campaign.orchestrator.reading.model import CommandedState
 from wil_campaign.orchestrator.reading.trajectory_file import read_trajectory
@@ -28,6 +18,16 @@ from wil_campaign.orchestrator.report.reading.event_log import read_event_log
 from wil_campaign.orchestrator.run_results.control_results import expected_text
 from wil_campaign.orchestrator.run_results.result_reader import ResultError, read_result
 from wil_campaign.orchestrator.run_results.run_result import RunResult
+from wil_campaign.plugins.console.feed.feed_images import image_view
+from wil_campaign.plugins.console.feed.feed_messages import (
+    EventView,
+    FactsView,
+    FeedMessage,
+    MarginView,
+    RunView,
+    VehicleView,
+    flown_poses,
+)
 from wil_campaign.plugins.console.playback import Playback
 from wil_campaign.plugins.python.mcap_reader import RecordedReading, Recording
 from wil_campaign.safety.evaluation.judge_log import JudgeLogError, read_judge_log

@@ -2,8 +2,8 @@
 
 from collections import OrderedDict
 
-from wil_campaign.orchestrator.live_feed.feed_messages import FactsView, FeedMessage, RunView
 from wil_campaign.orchestrator.recording.recording_facts import mounts_in
+from wil_campaign.plugins.console.feed.feed_messages import FactsView, FeedMessage, RunView
 from wil_campaign.plugins.foxglove.followed_run import FollowedRun
 from wil_campaign.plugins.foxglove.foxglove_server import FoxgloveServer
 from wil_campaign.plugins.foxglove.live_messages import LiveMessages

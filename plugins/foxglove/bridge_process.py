@@ -11,9 +11,9 @@ from collections.abc import Callable
 from pathlib import Path
 
 from wil_campaign.foundation.processes.codec import ProcessMessageError
-from wil_campaign.orchestrator.live_feed.feed_messages import feed_codec
-from wil_campaign.orchestrator.live_feed.feed_sockets import feed_receiver
 from wil_campaign.plugins.console.console_address import ConsoleAddress
+from wil_campaign.plugins.console.feed.feed_messages import feed_codec
+from wil_campaign.plugins.console.feed.feed_sockets import feed_receiver
 from wil_campaign.plugins.console.flight_scope import FlightScope
 from wil_campaign.plugins.foxglove.bridge import FoxgloveBridge
 from wil_campaign.plugins.foxglove.bridge_address import bridge_address

@@ -1,6 +1,6 @@
 """Chooses the run that Foxglove shows, where several fly at once; pure."""
 
-from wil_campaign.orchestrator.live_feed.feed_messages import EventView, FeedMessage
+from wil_campaign.plugins.console.feed.feed_messages import EventView, FeedMessage
 
 SILENT_S = 2.0
 """A run that is silent for this long is replaced by one that sends."""

@@ -5,14 +5,6 @@ from dataclasses import dataclass, fields
 
 import msgspec
 
-from wil_campaign.orchestrator.live_feed.feed_messages import (
-    EventView,
-    ImageView,
-    MarginView,
-    MixingView,
-    RunView,
-    VehicleView,
-)
 from wil_campaign.orchestrator.recording.mcap.mcap_encode import (
     LOG,
     TRANSFORMS,
@@ -23,6 +15,14 @@ from wil_campaign.orchestrator.recording.mcap.mcap_encode import (
     image_frame,
 )
 from wil_campaign.orchestrator.recording.mcap.mcap_settings import RecordingSettings
+from wil_campaign.plugins.console.feed.feed_messages import (
+    EventView,
+    ImageView,
+    MarginView,
+    MixingView,
+    RunView,
+    VehicleView,
+)
 from wil_campaign.vehicles.readings import PoseReading, Source
 from wil_campaign.worlds.camera import CameraMount
 from wil_campaign.worlds.frames import Pose

@@ -9,7 +9,6 @@ from wil_campaign.campaigns.schema import Mode
 from wil_campaign.campaigns.setup.bench_file import load_benches
 from wil_campaign.foundation.files.documents import BadInput, Problem
 from wil_campaign.orchestrator.campaign.reevaluation import Judgement, judge_campaign_again
-from wil_campaign.orchestrator.cli.commands.plan import plan_document
 from wil_campaign.orchestrator.cli.run_selection import RunSelection
 from wil_campaign.orchestrator.report.ordered_report import Report, write_ordered_report
 from wil_campaign.plugins.python.several import as_several
@@ -58,15 +57,6 @@ def validate(
     except BadInput as error:
         return tuple(error.problems)
     return ()
-
-
-def plan(campaign: Campaign | str | Path) -> dict[str, object]:
-    """Return what `wil-campaign plan --json` prints of a loaded campaign, or of a file.
-
-    Its runs and controls with their seeds, what it requires, and the flights that claims need.
-    Raises BadInput.
-    """
-    return plan_document(campaign if isinstance(campaign, Campaign) else load(campaign))
 
 
 def judge(

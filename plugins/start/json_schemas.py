@@ -19,8 +19,8 @@ from pydantic_core import core_schema
 from wil_campaign.campaigns.schema.bench import BenchPart
 from wil_campaign.campaigns.schema.campaign import campaign_model
 from wil_campaign.campaigns.schema.composition import CompositionPart
-from wil_campaign.campaigns.schema.part_summaries import docstring_key_places, part_summary
 from wil_campaign.foundation.files.problems import unit_of_key
+from wil_campaign.plugins.start.part_summaries import docstring_key_places, part_summary
 from wil_campaign.recipes.language.recipe_document import CombinePart, RecipePart
 from wil_campaign.recipes.model.registry import OWN_STEP, STAGES, Stage, registered_steps
 from wil_campaign.safety.oracles.registry import oracle_kinds

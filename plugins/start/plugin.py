@@ -5,7 +5,7 @@ from wil_campaign.hooks import Command, implements
 
 @implements
 def commands() -> tuple[Command, ...]:
-    """Return the commands that write files to begin with."""
+    """Return the commands that help with files, and fly nothing."""
     return (
         Command(
             "init",
@@ -17,6 +17,12 @@ def commands() -> tuple[Command, ...]:
             "schema",
             "wil_campaign.plugins.start.schema_command:schema",
             "Write JSON Schemas of the files, for editors.",
+            "start",
+        ),
+        Command(
+            "list",
+            "wil_campaign.plugins.start.list_command:list_available",
+            "List campaigns, operators, autonomies, oracles, signals and plugins.",
             "start",
         ),
     )

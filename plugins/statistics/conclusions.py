@@ -8,13 +8,13 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal, TypeVar
 
-from wil_campaign.campaigns.statistics.proportions import RateInterval
 from wil_campaign.plugins.statistics.gap.energy import EnergyFigure
 from wil_campaign.plugins.statistics.gap.gap import ALL_CASES, GapFigure
 from wil_campaign.plugins.statistics.inference.exact_tests import PassCounts, stratified_rounded
 from wil_campaign.plugins.statistics.inference.multiple_tests import holm_corrected
 from wil_campaign.plugins.statistics.inference.probability_text import p_text
 from wil_campaign.plugins.statistics.pass_rates import MODES, ModeTest, PassRate
+from wil_campaign.plugins.statistics.proportions import RateInterval
 from wil_campaign.plugins.statistics.published import counts_in
 from wil_campaign.plugins.statistics.study import Study
 

@@ -9,7 +9,6 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
-from wil_campaign.campaigns.statistics.proportions import RateInterval, clopper_pearson
 from wil_campaign.orchestrator.run_results.exit_codes import are_runs_equal, measured_values_of_run
 from wil_campaign.orchestrator.run_results.run_result import RunResult
 from wil_campaign.plugins.statistics.inference.exact_tests import (
@@ -18,6 +17,7 @@ from wil_campaign.plugins.statistics.inference.exact_tests import (
     fisher_exact,
     stratified_exact,
 )
+from wil_campaign.plugins.statistics.proportions import RateInterval, clopper_pearson
 
 MODES = ("sim", "wil", "real")
 

@@ -5,8 +5,14 @@ from wil_campaign.hooks import Command, ReportSection, implements
 
 @implements
 def commands() -> tuple[Command, ...]:
-    """Return the commands `gap`, `compare` and `history`."""
+    """Return the commands `plan`, `gap`, `compare` and `history`."""
     return (
+        Command(
+            "plan",
+            "wil_campaign.plugins.statistics.plan_command:plan",
+            "Show the runs of a campaign; nothing flies.",
+            "start",
+        ),
         Command(
             "gap",
             "wil_campaign.plugins.statistics.gap_command:gap",

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from markupsafe import Markup
 
-from wil_campaign.campaigns.statistics.proportions import RateInterval
+from wil_campaign.plugins.statistics.proportions import RateInterval
 
 _WIDE, _HIGH, _EDGE = 360.0, 64.0, 8.0
 _BAR_WIDE, _BAR_HIGH = 220.0, 18.0

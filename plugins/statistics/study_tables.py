@@ -3,12 +3,12 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from wil_campaign.campaigns.statistics.proportions import RateInterval
 from wil_campaign.plugins.statistics.conclusions import MODE_NAMES
 from wil_campaign.plugins.statistics.gap.energy import EnergyFigure
 from wil_campaign.plugins.statistics.gap.gap import TOO_FEW, GapFigure
 from wil_campaign.plugins.statistics.inference.probability_text import p_text
 from wil_campaign.plugins.statistics.pass_rates import MODES, ModeTest, PassRate
+from wil_campaign.plugins.statistics.proportions import RateInterval
 from wil_campaign.plugins.statistics.published import counts_in
 from wil_campaign.plugins.statistics.study import Study
 

@@ -9,12 +9,11 @@ from typing import get_args
 from wil_campaign.plugins.stl.units import SignalKind
 from wil_campaign.safety.fence.geofence import Fence
 from wil_campaign.safety.model import signals
-from wil_campaign.safety.model.samples import PoseSample, ReferenceSample, StateSample
-from wil_campaign.safety.oracles.autopilot_health import ModeName
+from wil_campaign.safety.model.samples import ModeName, PoseSample, ReferenceSample, StateSample
+from wil_campaign.safety.model.signals import extrapolated_ned_m
 from wil_campaign.safety.oracles.contact import ContactLimits
 from wil_campaign.safety.oracles.late_tracks import LateStretch, LateTracks
 from wil_campaign.safety.oracles.oracle import MotionName, OracleContext, StageTracker, WorldProbe
-from wil_campaign.safety.oracles.pair import extrapolated_ned_m
 from wil_campaign.vehicles.driver.vehicle_state import ReportName
 from wil_campaign.worlds.frames import Vec3, heading_of, norm, subtract
 

@@ -14,6 +14,9 @@ Stage = Literal["takeoff", "at_height", "goal", "done", "land", "landed", "end"]
 """Stages of a run: takeoff commanded, all at height, goal given (t0), autonomy done, landing
 commanded, on the ground and disarmed, end of all samples."""
 
+ModeName = Literal["hold", "takeoff", "guided", "land", "rtl", "mission", "pilot", "other"]
+"""The values of `wil_campaign.vehicles.autopilots.autopilot.FlightMode`."""
+
 
 class PoseSample(NamedTuple):
     """A sample of a vehicle's pose in the world, from the source that its campaign chose.

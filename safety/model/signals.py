@@ -4,7 +4,7 @@ import math
 import re
 
 from wil_campaign.safety.model.samples import PoseSample, StateSample
-from wil_campaign.worlds.frames import euler_from_quat
+from wil_campaign.worlds.frames import Vec3, add, euler_from_quat, scale
 
 
 def north_m(sample: PoseSample) -> float:
@@ -75,3 +75,9 @@ def battery_percent(sample: StateSample) -> float | None:
 def distance_name(thing: str) -> str:
     """Return the name of the signal of the distance to one object of the world."""
     return f"distance_{re.sub('[^A-Za-z0-9_]', '_', thing)}_m"
+
+
+def extrapolated_ned_m(sample: PoseSample, t_s: float) -> Vec3:
+    """Return a vehicle's position extrapolated to a time, to compare the pair."""
+    ahead_m = scale(sample.velocity_ned_m_s, t_s - sample.t_s)
+    return add(sample.pose.position_ned_m, ahead_m)

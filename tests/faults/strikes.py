@@ -20,9 +20,9 @@ from tests.faults.mortal_loop import MortalLoop
 from wil_campaign.orchestrator.recording.timestamps import VIRTUAL_EPOCH_S
 from wil_campaign.orchestrator.run.vehicles import vehicle_backends
 from wil_campaign.orchestrator.run.vehicles.pair import VehiclePair
+from wil_campaign.plugins.signed_links.signed_link import SignedLink
+from wil_campaign.plugins.signed_links.signing_key import key_from_environment
 from wil_campaign.vehicles.links.link import Link
-from wil_campaign.vehicles.links.signed_link import SignedLink
-from wil_campaign.vehicles.mavlink.signing_key import key_from_environment
 
 KEY = "WIL_FAULTS_KEY"
 _REMEMBERED = 4000

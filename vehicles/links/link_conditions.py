@@ -4,7 +4,6 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
-from pathlib import Path
 from typing import Any, Literal, Protocol, runtime_checkable
 
 import msgspec
@@ -12,15 +11,11 @@ import msgspec
 from wil_campaign.hooks import link_layers
 from wil_campaign.installed_plugins import absent_additions, loaded_additions
 from wil_campaign.vehicles.links.link import Link, LinkError
-from wil_campaign.vehicles.links.signed_link import SignedLink
-from wil_campaign.vehicles.mavlink.signing_key import (
-    SigningKey,
-    key_from_environment,
-    key_from_file,
-)
 
 SPARE_LINKS = "spare_links"
 """The layer that joins several links to one vehicle."""
+SIGNING = "signing"
+"""The layer that signs frames: of a KeySource, and of the time (UTC, seconds since 1970)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,12 +24,6 @@ class KeySource:
 
     kind: Literal["file", "environment"]
     name: str
-
-    def key(self) -> SigningKey:
-        """Return the link's signing key. Raises SigningKeyError."""
-        if self.kind == "file":
-            return key_from_file(Path(self.name))
-        return key_from_environment(self.name)
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,18 +82,15 @@ def link_under_conditions(
     """Return the links to a vehicle as one under conditions: signed first, then on the air.
 
     links: the preferred one first; of several the others are standby. utc_s: the present time (UTC,
-    seconds since 1970). Raises SigningKeyError, and LinkError for several without their plugin.
+    seconds since 1970). Raises SigningKeyError, and LinkError for what lacks its plugin.
     """
     site = site or LinkSite()
     for layer in conditions.air:
         links = layer.over(links, site)
     impaired = next((link for link in links if isinstance(link, Interruptible)), None)
     if conditions.signing is not None:
-        key = conditions.signing.key()
-        links = [
-            SignedLink(link=link, key=key, utc_s=utc_s, link_id=number)
-            for number, link in enumerate(links)
-        ]
+        signing: Any = _layer_named(SIGNING)
+        links = signing(conditions.signing, utc_s).over(links, site)
     if len(links) > 1:
         links = _layer_named(SPARE_LINKS)().over(links, site)
     return ConditionedLink(links[0], impaired)

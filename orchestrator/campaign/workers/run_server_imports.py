@@ -16,6 +16,8 @@ import cv2
 
 from wil_campaign.campaigns.expansion.case_reader import load_models
 from wil_campaign.foundation.files.problems import BadInput
+from wil_campaign.hooks import live_views
+from wil_campaign.installed_plugins import loaded_additions
 from wil_campaign.orchestrator.campaign.workers import run_order
 from wil_campaign.orchestrator.campaign.workers.run_server import (
     IGNORED_SIGNALS,
@@ -37,5 +39,6 @@ load_kept_kernels()
 room_textures(0)  # of rooms without a seed of their own
 with suppress(BadInput):  # a plugin that cannot be used is a fault of the runs that use it
     load_models()
+    loaded_additions(live_views, "feed")
 gc.freeze()
 gc.enable()

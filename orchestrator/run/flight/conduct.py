@@ -33,7 +33,8 @@ async def conduct_flight(run: FlightParts) -> None:
         _record_events(run, context)
     for context in run.pair.actors:
         _record_events(run, context)
-    run.feed.attach(run.pair.contexts, run.oracle_runner, run.perception)
+    for feed in run.feeds:
+        feed.attach(run.pair.contexts, run.oracle_runner, run.perception)
     run.pair.guard.on_event(lambda event: _receive_guard_event(run, event))
     # Autopilots set their local origin anew at arming.
     run.run_state.on_stage(lambda stage, _: run.pair.send_anchors() if stage == "takeoff" else None)
@@ -166,7 +167,8 @@ def _receive_guard_event(run: FlightParts, event: GuardEvent) -> None:
     run.recorder.guard_event(event)
     run.operator_hold.receive(event)
     run.reporter.guard(event)
-    run.feed.guard(event)
+    for feed in run.feeds:
+        feed.guard(event)
     if event.kind == "alone":
         _drop_out(run, event)
     settled = decisive_guard_event(event)
@@ -211,7 +213,8 @@ async def _record(run: FlightParts) -> None:
 
     def alive() -> None:
         sign()
-        run.feed.tick()
+        for feed in run.feeds:
+            feed.tick()
 
     await run.recorder.follow(run.pair.contexts, run.run_state, alive)
 

@@ -5,12 +5,14 @@ Builds the recorder of a run by the campaign's recording settings.
 
 import asyncio
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass, fields
 from functools import partial
 from typing import Any
 
+from wil_campaign.hooks import live_views
+from wil_campaign.installed_plugins import loaded_additions
 from wil_campaign.orchestrator.external.external_io import ExternalIo
 from wil_campaign.orchestrator.operator.run_messages import OperatorInbox, Report
 from wil_campaign.orchestrator.recording.mcap.mcap_settings import recording_settings
@@ -103,7 +105,7 @@ class GroundParts:
     reporter: RunProgressReporter
     preflight: PreflightChecks
     arming: ArmingRecord
-    feed: RunFeed
+    feeds: tuple[RunFeed, ...]
     perception: Perception | None = None
     actors: tuple[ActorFlight, ...] = ()
     contexts: tuple[VehicleContext, ...] = ()
@@ -136,15 +138,18 @@ def ground_parts(
     reporter = RunProgressReporter(
         plan=setup.order.plan, report=report, run_state=run_state, kinds=kinds
     )
-    feed = streams.enter_context(
-        RunFeed(
-            setup=setup,
-            run_state=run_state,
-            events=events,
-            epoch_ns=recorder.epoch_ns,
-            note=lambda text: recorder.note("live feed", fault=text),
+    feeds: list[RunFeed] = [
+        streams.enter_context(
+            feed(
+                setup=setup,
+                run_state=run_state,
+                events=events,
+                epoch_ns=recorder.epoch_ns,
+                note=lambda text: recorder.note("live feed", fault=text),
+            )
         )
-    )
+        for feed in loaded_additions(live_views, "feed").values()
+    ]
     external_io = ExternalIo(
         setup=setup, events=events, note=lambda text: recorder.note("motion capture", text=text)
     )
@@ -155,7 +160,7 @@ def ground_parts(
         flag_watchers=(
             recorder.flag,
             reporter.flag,
-            feed.flag,
+            *(feed.flag for feed in feeds),
             partial(_contact, external_io, kinds),
         ),
         log_sample=recorder.judged,
@@ -173,7 +178,7 @@ def ground_parts(
         reporter=reporter,
         preflight=PreflightChecks(setup=setup, note=recorder.note),
         arming=ArmingRecord(now=asyncio.get_running_loop().time, note=recorder.note),
-        feed=feed,
+        feeds=tuple(feeds),
     )
 
 
@@ -206,7 +211,7 @@ def flight_parts(
         external_io=ground.external_io,
         run_state=run_state,
         events=ground.events,
-        watchers=_watchers(recorder, ground.external_io, ground.feed),
+        watchers=_watchers(recorder, ground.external_io, ground.feeds),
         faults=faults,
     )
     goal = _goal_flight(ground, pair, perception)
@@ -342,8 +347,10 @@ def _moment(
         notify(stage, t_s)
 
 
-def _watchers(recorder: RunRecorder, external_io: ExternalIo, feed: RunFeed) -> PerceptionWatchers:
-    """Return the run's watchers of perception: recorder, external I/O, live feed."""
+def _watchers(
+    recorder: RunRecorder, external_io: ExternalIo, feeds: Iterable[RunFeed]
+) -> PerceptionWatchers:
+    """Return the run's watchers of perception: recorder, external I/O, live feeds."""
 
     def take_reading(reading: Reading) -> None:
         recorder.reading(reading)
@@ -351,7 +358,8 @@ def _watchers(recorder: RunRecorder, external_io: ExternalIo, feed: RunFeed) -> 
 
     def take_preview(images: PreviewImages) -> None:
         recorder.shown(images)
-        feed.shown(images)
+        for feed in feeds:
+            feed.shown(images)
 
     return PerceptionWatchers(
         reading=take_reading,

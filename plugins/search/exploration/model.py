@@ -5,10 +5,10 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from wil_campaign.campaigns.schema import Mode
-from wil_campaign.campaigns.statistics.proportions import RateInterval
 from wil_campaign.plugins.search.exploration.gap import ModeGap
 from wil_campaign.plugins.search.exploration.sensed import SensedView
 from wil_campaign.plugins.search.exploration.space import SearchSpace, Values
+from wil_campaign.plugins.statistics.proportions import RateInterval
 
 Purpose = Literal["explore", "pass on", "confirm", "reduce"]
 Standing = Literal["confirmed", "intermittent", "refuted", "undecided"]

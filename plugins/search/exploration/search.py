@@ -10,7 +10,6 @@ from dataclasses import replace
 from itertools import pairwise
 
 from wil_campaign.campaigns.schema import Mode
-from wil_campaign.campaigns.statistics.proportions import clopper_pearson
 from wil_campaign.plugins.search.exploration.gap import ModeGap, variants_passed_on
 from wil_campaign.plugins.search.exploration.model import (
     FailingCase,
@@ -27,6 +26,7 @@ from wil_campaign.plugins.search.exploration.model import (
 from wil_campaign.plugins.search.exploration.reduction import reduced_variants, values_without_own
 from wil_campaign.plugins.search.exploration.strategies import SearchStrategy, point_key
 from wil_campaign.plugins.search.exploration.votes import votes_of, votes_standing
+from wil_campaign.plugins.statistics.proportions import clopper_pearson
 
 _Flown = Generator[FlightBatch, Sequence[FlightOutcome], tuple[FlightOutcome, ...]]
 Steps = Generator[FlightBatch, Sequence[FlightOutcome], None]

@@ -5,11 +5,11 @@ from dataclasses import dataclass
 
 from markupsafe import Markup
 
-from wil_campaign.campaigns.statistics.proportions import clopper_pearson
 from wil_campaign.orchestrator.report.rendering.page_parts import render_template
 from wil_campaign.plugins.statistics.comparison.comparison import FigureChange
 from wil_campaign.plugins.statistics.comparison.settings import SettingsChanges
 from wil_campaign.plugins.statistics.inference.probability_text import p_text
+from wil_campaign.plugins.statistics.proportions import clopper_pearson
 from wil_campaign.plugins.statistics.rate_svg import DrawnRate, rate_bar, rate_text
 
 RATE = "pass rate"

@@ -13,10 +13,10 @@ from itertools import combinations
 
 import numpy as np
 
-from wil_campaign.campaigns.statistics.proportions import RateInterval
 from wil_campaign.plugins.statistics.gap.measures import FlightMeasure
 from wil_campaign.plugins.statistics.gap.motion import RunMotion
 from wil_campaign.plugins.statistics.gap.trajectory_distances import IntArray
+from wil_campaign.plugins.statistics.proportions import RateInterval
 from wil_campaign.worlds.jit import F64
 
 MODES = ("real", "sim", "wil")

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from wil_campaign.campaigns.statistics.proportions import RateInterval
 from wil_campaign.plugins.statistics.gap.distances import (
     MODES,
     CaseDistances,
@@ -24,6 +23,7 @@ from wil_campaign.plugins.statistics.gap.distances import (
 )
 from wil_campaign.plugins.statistics.gap.measures import FlightMeasure, Part
 from wil_campaign.plugins.statistics.inference.bootstrap import Statistic, bootstrap_interval
+from wil_campaign.plugins.statistics.proportions import RateInterval
 from wil_campaign.worlds.jit import F64
 
 _SEED = 20130830

@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 from statistics import median
 from typing import Literal
 
-from wil_campaign.campaigns.statistics.proportions import RateInterval, clopper_pearson
 from wil_campaign.plugins.statistics.history.records import FlightRecord
+from wil_campaign.plugins.statistics.proportions import RateInterval, clopper_pearson
 
 Kind = Literal["flaky", "stochastic"]
 _LONG_COMMIT = re.compile(r"\b([0-9a-f]{12})[0-9a-f]{28,52}\b")

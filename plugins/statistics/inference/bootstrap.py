@@ -10,7 +10,7 @@ from statistics import NormalDist
 import numpy as np
 from numpy.typing import NDArray
 
-from wil_campaign.campaigns.statistics.proportions import RateInterval
+from wil_campaign.plugins.statistics.proportions import RateInterval
 
 F64 = NDArray[np.float64]
 Statistic = Callable[[Sequence[F64]], F64]

@@ -8,7 +8,6 @@ from unittest import mock
 import pytest
 
 from wil_campaign import campaigns
-from wil_campaign.campaigns.checks import magnitude_warnings
 from wil_campaign.campaigns.expansion.expansion import Campaign, RunPlan, load_campaign
 from wil_campaign.campaigns.values.acceptance import PassRequirement, PassShare
 from wil_campaign.foundation.files import yaml_nodes
@@ -17,6 +16,7 @@ from wil_campaign.orchestrator.campaign.folder.manifest import (
     campaign_manifest,
     maybe_written_files,
 )
+from wil_campaign.plugins.hints import magnitude_warnings
 
 SHIPPED = sorted(Path(campaigns.__file__).parent.glob("*.yaml"))
 

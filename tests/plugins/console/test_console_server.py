@@ -10,13 +10,6 @@ from aiohttp import WSServerHandshakeError
 from msgspec import structs
 
 from tests.plugins.console.conftest import Console
-from wil_campaign.orchestrator.live_feed.feed_messages import (
-    EventView,
-    FactsView,
-    ImageView,
-    RunView,
-    VehicleView,
-)
 from wil_campaign.plugins.console.console_access import Role
 from wil_campaign.plugins.console.console_address import (
     ConsoleAddress,
@@ -24,6 +17,13 @@ from wil_campaign.plugins.console.console_address import (
     require_safe_console_address,
 )
 from wil_campaign.plugins.console.console_server import POLICY
+from wil_campaign.plugins.console.feed.feed_messages import (
+    EventView,
+    FactsView,
+    ImageView,
+    RunView,
+    VehicleView,
+)
 from wil_campaign.plugins.console.page_commands import MAX_BODY_BYTES
 from wil_campaign.plugins.console.playback import Playback
 

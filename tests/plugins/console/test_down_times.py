@@ -4,8 +4,8 @@ import pytest
 from msgspec import structs
 
 from tests.plugins.console.test_page_truth import vehicle, view
-from wil_campaign.orchestrator.live_feed.feed_messages import EventView, RunView
 from wil_campaign.plugins.console.console_hub import DownTimes
+from wil_campaign.plugins.console.feed.feed_messages import EventView, RunView
 
 
 def state(*, armed: bool, landed: str, t_s: float = 10.0) -> RunView:

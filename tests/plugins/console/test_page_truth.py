@@ -14,17 +14,17 @@ from tests.orchestrator.report.browser import Page, browser, chromium
 from tests.orchestrator.report.recorded_campaign import CAMPAIGN, WORLD
 from tests.plugins.console.conftest import Console
 from tests.plugins.console.test_two_operators import FOLDER, join, status, wait_until
-from wil_campaign.orchestrator.live_feed.feed_messages import (
+from wil_campaign.orchestrator.operator.campaign_records import (
+    OperatorPlace,
+    OperatorPlaces,
+    operator_places,
+)
+from wil_campaign.plugins.console.feed.feed_messages import (
     EventView,
     FactsView,
     MarginView,
     RunView,
     VehicleView,
-)
-from wil_campaign.orchestrator.operator.campaign_records import (
-    OperatorPlace,
-    OperatorPlaces,
-    operator_places,
 )
 
 pytestmark = pytest.mark.skipif(chromium() is None, reason="chromium is not installed")

@@ -13,7 +13,7 @@ from tests.orchestrator.report.browser import chromium
 from tests.plugins.console.conftest import Console
 from tests.plugins.console.test_page_truth import FACTS, FakeFeed, look, text, vehicle, view
 from tests.plugins.console.test_two_operators import PATIENCE_S, wait_until
-from wil_campaign.orchestrator.live_feed.feed_messages import EventView, FactsView, ImageView
+from wil_campaign.plugins.console.feed.feed_messages import EventView, FactsView, ImageView
 
 pytestmark = pytest.mark.skipif(chromium() is None, reason="chromium is not installed")
 REMOTE = {"large/wil/1": {"stage": "goal", "place": "second"}}

@@ -15,18 +15,18 @@ from tests.orchestrator.mcap_runs import recorder
 from tests.orchestrator.report.recorded_campaign import END_S, GOAL_S, write_campaign
 from wil_campaign.foundation.files.document_writer import to_json
 from wil_campaign.orchestrator.cli import main
-from wil_campaign.orchestrator.live_feed.feed_messages import (
+from wil_campaign.orchestrator.recording.errors import RecordingError
+from wil_campaign.orchestrator.recording.mcap.mcap_settings import EXACT, RecordingSettings
+from wil_campaign.orchestrator.run_results.control_results import ControlResult
+from wil_campaign.orchestrator.run_results.result_reader import read_result
+from wil_campaign.plugins.console.console_access import AccessError
+from wil_campaign.plugins.console.feed.feed_messages import (
     EventView,
     FactsView,
     FeedMessage,
     ImageView,
     RunView,
 )
-from wil_campaign.orchestrator.recording.errors import RecordingError
-from wil_campaign.orchestrator.recording.mcap.mcap_settings import EXACT, RecordingSettings
-from wil_campaign.orchestrator.run_results.control_results import ControlResult
-from wil_campaign.orchestrator.run_results.result_reader import read_result
-from wil_campaign.plugins.console.console_access import AccessError
 from wil_campaign.plugins.console.playback import Playback
 from wil_campaign.plugins.console.recorded_run import RecordedRun
 from wil_campaign.plugins.console.scene_document import RunScene

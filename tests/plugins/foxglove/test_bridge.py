@@ -16,13 +16,13 @@ from tests.plugins.foxglove.foxglove_client import (
     never_reading,
 )
 from wil_campaign.orchestrator.cli import main
-from wil_campaign.orchestrator.live_feed.feed_messages import (
+from wil_campaign.plugins.console.console_address import ConsoleAddress
+from wil_campaign.plugins.console.feed.feed_messages import (
     EventView,
     FactsView,
     ImageView,
     VehicleView,
 )
-from wil_campaign.plugins.console.console_address import ConsoleAddress
 from wil_campaign.plugins.foxglove.bridge import FoxgloveBridge
 from wil_campaign.plugins.foxglove.bridge_address import bridge_address
 from wil_campaign.plugins.foxglove.bridge_beside import foxglove_beside

@@ -5,10 +5,9 @@ import pytest
 
 from tests.safety.oracles.oracle_rigs import build, fly, numbers, pose, stage, state
 from wil_campaign.safety.fence.geofence import Circle, Fence, Polygon
-from wil_campaign.safety.model.samples import FenceSample, LinkSample, PoseSample
+from wil_campaign.safety.model.samples import FenceSample, LinkSample
 from wil_campaign.safety.oracles.limit_oracle import LimitOracle
 from wil_campaign.safety.oracles.oracle import Oracle, OracleContext, OracleError, OracleTerms
-from wil_campaign.worlds.frames import Pose, Vec3
 
 
 def test_geofence_worst_margin_and_each_exit() -> None:
@@ -296,41 +295,6 @@ def test_the_oracle_landed_fails_while_armed_or_not_on_the_ground(
     judge.on_state(state(2.0, armed=armed, landed=landed))
     result = judge.result(3.0)
     assert (result.verdict, result.detail) == ("FAIL" if detail else "PASS", detail)
-
-
-def twin(t_s: float, at: Vec3, velocity: Vec3 = (0, 0, 0)) -> PoseSample:
-    return PoseSample(t_s, "twin", Pose(at), velocity)
-
-
-def test_divergence_carries_the_older_pose_on() -> None:
-    judge = build("twin_divergence")
-    assert judge.watches == ("real", "twin")
-    stage(judge, takeoff=0.0)
-    judge.on_pose(pose(1.0, (0, 0, -1), (1, 0, 0)))
-    judge.on_pose(twin(1.5, (0.5, 0.3, -1)))
-    result = judge.result(2.0)
-    assert (result.verdict, result.required, result.margin) == ("PASS", False, None)
-    assert result.actual == pytest.approx(0.3)
-
-
-def test_divergence_with_a_limit() -> None:
-    judge = build("twin_divergence", max_m=0.5)
-    stage(judge, takeoff=0.0)
-    judge.on_pose(twin(1.0, (0, 0, -1)))
-    assert [f.text for f in judge.on_pose(pose(1.0, (0, 1, -1)))] == [
-        "real and twin are 1.00 m apart; the limit is 0.5 m"
-    ]
-    stage(judge, land=2.0)
-    judge.on_pose(pose(3.0, (0, 9, -1)))
-    assert numbers(judge.result(4.0)) == ("FAIL", 1.0, 0.5, -0.5, 1.0)
-
-
-def test_divergence_exactly_at_its_limit_is_within_it() -> None:
-    judge = build("twin_divergence", max_m=0.5)
-    stage(judge, takeoff=0.0)
-    judge.on_pose(twin(1.0, (0, 0, -1)))
-    assert judge.on_pose(pose(1.0, (0, 0.5, -1))) == ()
-    assert numbers(judge.result(4.0)) == ("PASS", 0.5, 0.5, 0.0, 1.0)
 
 
 def test_a_value_that_is_not_finite_never_reaches_a_result() -> None:

@@ -11,16 +11,16 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from tests.ports import free_port
 from wil_campaign.foundation.clocks.virtual_loop import run_virtual
+from wil_campaign.plugins.signed_links.signed_link import SignedLink
+from wil_campaign.plugins.signed_links.signer import Signer, ticks_of_utc
+from wil_campaign.plugins.signed_links.signing_key import SigningKey
 from wil_campaign.vehicles.links.link import LinkError, TellsTrouble
 from wil_campaign.vehicles.links.link_factory import open_link
 from wil_campaign.vehicles.links.link_strings import LinkAddress, parse_link
 from wil_campaign.vehicles.links.memory import memory_pair
-from wil_campaign.vehicles.links.signed_link import SignedLink
 from wil_campaign.vehicles.links.udp import UdpLink
 from wil_campaign.vehicles.mavlink.codec import MavlinkCodec
 from wil_campaign.vehicles.mavlink.framing import FrameSplitter
-from wil_campaign.vehicles.mavlink.signing import Signer, ticks_of_utc
-from wil_campaign.vehicles.mavlink.signing_key import SigningKey
 
 _KEY = SigningKey(bytes(range(32)))
 

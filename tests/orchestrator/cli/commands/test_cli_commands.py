@@ -1,18 +1,15 @@
 """The command line: what goes to standard output, to standard error, and the exit code."""
 
-import json
 import shutil
 import subprocess
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import get_args
 
 import pytest
 
 from wil_campaign.orchestrator.cli import main
-from wil_campaign.orchestrator.cli.commands.listing import What
 from wil_campaign.orchestrator.cli.text_table import table_lines
 
 ROOT = Path(__file__).parents[4]
@@ -148,121 +145,6 @@ def test_validate_survives_files_that_are_no_campaign(
     assert outcome.err.endswith("2 problems in 2 files\n")
 
 
-def test_plan_shows_a_table(cli: Cli) -> None:
-    outcome = cli("plan", "campaigns/gate.yaml", "--case", "large", "--mode", "sim")
-    assert outcome.code == 0
-    lines = outcome.out.splitlines()
-    assert lines[0].startswith("gate: 5 runs; accepted: large/sim 5/5")
-    assert lines[2].split() == ["case", "mode", "rep", "seed", "counts"]
-    assert lines[4].split() == ["large", "sim", "1", "3820083363037036", "required"]
-    assert len(lines) == 11
-    assert "all passed, show a pass rate of at least 0.54" in lines[10]
-    assert "0.80 needs 14, 0.90 needs 29, 0.95 needs 59, 0.99 needs 299" in lines[10]
-
-
-def test_plan_as_json_has_the_test_that_decides(cli: Cli) -> None:
-    """It said that all of the most flights must pass."""
-    until = "repetitions={until: decided, at_least: 0.95, against: 0.8, most: 60}"
-    given = ("--case", "large", "--mode", "sim", "--set", until, "--set", "accept=null")
-    outcome = cli("plan", "campaigns/gate.yaml", *given, "--json")
-    assert outcome.code == 0, outcome.err
-    decided = {"at_least": 0.95, "against": 0.8, "most": 60, "error": 0.05}
-    accept = json.loads(outcome.out)["accept"]
-    assert accept == [{"case": "large", "mode": "sim", "test": decided}]
-
-
-def test_plan_claims_no_more_than_the_flights_show(cli: Cli) -> None:
-    """Of 58 flights it said 0.95, and in the same line that 0.95 needs 59; of 600, 1.00."""
-    given = ("plan", "campaigns/gate.yaml", "--case", "large", "--mode", "sim", "--repetitions")
-    for count, shown in ((1, "0.05"), (28, "0.89"), (58, "0.94"), (59, "0.95"), (600, "0.99")):
-        assert f"a pass rate of at least {shown} with" in cli(*given, str(count)).out
-
-
-def test_plan_as_json_is_one_document(cli: Cli) -> None:
-    given = ("--case", "small", "--case", "large", "--repetitions", "1", "--seed", "4", "--json")
-    outcome = cli("plan", "campaigns/gate.yaml", *given, "--set", "goal.altitude_m=1.3")
-    assert outcome.code == 0
-    document = json.loads(outcome.out)
-    assert [(run["case"], run["mode"], run["rep"]) for run in document["runs"]] == [
-        ("large", "sim", 1),
-        ("large", "wil", 1),
-        ("small", "sim", 1),
-        ("small", "wil", 1),
-    ]
-    assert document["seed"] == 4
-    assert document["accept"][0] == {"case": "large", "mode": "sim", "passes": 1, "runs": 1}
-
-
-def test_plan_of_a_bad_file_or_option_is_reported(cli: Cli) -> None:
-    assert cli("plan", "none.yaml").code == 2
-    outcome = cli("plan", "campaigns/gate.yaml", "--case", "lagre", "--json")
-    assert (outcome.code, outcome.out) == (2, "")
-    assert "did you mean 'large'?" in outcome.err
-
-
-def test_list_alone_shows_what_can_be_listed(cli: Cli) -> None:
-    outcome = cli("list")
-    assert outcome.code == 0
-    commands = [line.split("  ")[0] for line in outcome.out.splitlines()]
-    assert commands[2:] == [f"wil-campaign list {what}" for what in get_args(What)]
-    for row in json.loads(cli("list", "--json").out):
-        assert cli(*row["command"].split()[1:]).code == 0
-
-
-@pytest.mark.parametrize(
-    ("what", "name"),
-    [
-        ("campaigns", "gate"),
-        ("operators", "overlay"),
-        ("autonomies", "gate"),
-        ("oracles", "collision"),
-        ("signals", "clearance_m"),
-    ],
-)
-def test_list_shows_all_that_is_available(cli: Cli, what: str, name: str) -> None:
-    rows = json.loads(cli("list", what, "--json").out)
-    assert name in [row["name"] for row in rows]
-    outcome = cli("list", what)
-    assert outcome.code == 0
-    assert name in [line.split()[0].rstrip(":") for line in outcome.out.splitlines() if line]
-
-
-def test_list_oracles_documents_every_parameter(cli: Cli) -> None:
-    rows = {row["name"]: row for row in json.loads(cli("list", "oracles", "--json").out)}
-    assert all(each["meaning"] for row in rows.values() for each in row["parameters"])
-    (limit,) = rows["time_limit"]["parameters"]
-    assert (limit["name"], limit["unit"], limit["needed"]) == ("limit_s", "s", True)
-    assert (rows["time_limit"]["window"], rows["time_limit"]["fail_fast"]) == (
-        "from goal to done",
-        True,
-    )
-    text = cli("list", "oracles").out
-    assert "    max_gap_s  number, s  needed  the longest silence that is allowed" in text
-    assert "every oracle takes" in text
-
-
-def test_list_operators_tells_shapes_units_and_parameters(cli: Cli) -> None:
-    rows = {row["name"]: row for row in json.loads(cli("list", "operators", "--json").out)}
-    assert "(h, w, 3) uint8" in rows["resize"]["details"]
-    text = cli("list", "operators").out
-    assert "geodetic (transform; pose -> gps): Convert a local position into a fix" in text
-    lines = [line.split() for line in text.splitlines()]
-    assert ["soft_edge_px", "number", "0"] in lines
-
-
-def test_list_campaigns_finds_those_of_the_folder_and_the_shipped(
-    cli: Cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    (tmp_path / "campaigns").mkdir()
-    (tmp_path / "campaigns" / "mine.yaml").write_text("campaign: mine\ndescription: of mine")
-    (tmp_path / "campaigns" / "bad.yaml").write_text("a: [")
-    monkeypatch.chdir(tmp_path)
-    rows = {row["file"]: row for row in json.loads(cli("list", "campaigns", "--json").out)}
-    assert rows["campaigns/mine.yaml"]["description"] == "of mine"
-    assert "not YAML" in rows["campaigns/bad.yaml"]["description"]
-    assert str(ROOT / "wil_campaign" / "campaigns" / "gate.yaml") in rows
-
-
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
@@ -323,7 +205,7 @@ def broken(monkeypatch: pytest.MonkeyPatch) -> None:
     def fail(*_: object) -> None:
         raise RuntimeError("a bug of ours")
 
-    monkeypatch.setattr("wil_campaign.orchestrator.cli.commands.plan.load_campaign", fail)
+    monkeypatch.setattr("wil_campaign.plugins.statistics.plan_command.load_campaign", fail)
 
 
 @pytest.mark.usefixtures("broken")
@@ -368,7 +250,7 @@ def test_an_interrupt_is_130(cli: Cli, monkeypatch: pytest.MonkeyPatch) -> None:
     def interrupt(*_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("wil_campaign.orchestrator.cli.commands.plan.load_campaign", interrupt)
+    monkeypatch.setattr("wil_campaign.plugins.statistics.plan_command.load_campaign", interrupt)
     assert cli("plan", "x.yaml").code == 130
 
 

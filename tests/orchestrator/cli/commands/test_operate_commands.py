@@ -440,7 +440,7 @@ async def test_a_program_that_stands_still_is_not_shown_by_its_last_state(
 ) -> None:
     del controller
     monkeypatch.setattr("wil_campaign.orchestrator.operator.socket_client._ANSWER_S", 0.05)
-    monkeypatch.setattr("wil_campaign.orchestrator.cli.commands.watch._EVERY_S", 0.01)
+    monkeypatch.setattr("wil_campaign.plugins.console.watch_command._EVERY_S", 0.01)
     (gate,) = operator_places().campaigns
     with silent_place("gate", gate.folder, short_folder / "gate.sock") as hung:
         seen = iter([OperatorPlaces((one,), ()) for one in (gate, gate, hung, hung, gate)])

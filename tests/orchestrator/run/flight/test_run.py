@@ -15,10 +15,9 @@ import pytest
 
 from tests.orchestrator.conftest import BRIEF, SMALL_CAMERAS
 from tests.orchestrator.flights import all_landed, log_of, rows_of
-from tests.orchestrator.live_feed.feed_reader import reading_feed
+from tests.plugins.console.feed.feed_reader import reading_feed
 from wil_campaign.foundation.background_file import BackgroundFile, DiskPatience
 from wil_campaign.foundation.files.document_writer import to_json
-from wil_campaign.orchestrator.live_feed.feed_messages import EventView, ImageView, RunView
 from wil_campaign.orchestrator.recording import run_recorder
 from wil_campaign.orchestrator.recording.mcap import mcap_writer
 from wil_campaign.orchestrator.recording.mcap.mcap_chunks import RecordStream
@@ -28,6 +27,7 @@ from wil_campaign.orchestrator.run.vehicles.pair import VehiclePair
 from wil_campaign.orchestrator.run_results.run_result import RunResult
 from wil_campaign.orchestrator.state import run_log
 from wil_campaign.orchestrator.state.run_state import RunState, Stage
+from wil_campaign.plugins.console.feed.feed_messages import EventView, ImageView, RunView
 from wil_campaign.safety.guard.core.operator_command import OperatorCommand
 from wil_campaign.vehicles.autonomy import Command, Telemetry
 from wil_campaign.vehicles.readings import Reading

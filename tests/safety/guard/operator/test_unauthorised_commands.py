@@ -14,12 +14,12 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from tests.safety.guard.operator.test_operator_socket import Controller, ask
+from wil_campaign.plugins.signed_links.signer import Signer, ticks_of_utc
+from wil_campaign.plugins.signed_links.signing_key import SigningKey
 from wil_campaign.vehicles.autopilots.autopilot import FlightMode, MavlinkTarget, command_long
 from wil_campaign.vehicles.autopilots.px4 import Px4
 from wil_campaign.vehicles.mavlink.codec import MavlinkCodec
 from wil_campaign.vehicles.mavlink.framing import frame_header
-from wil_campaign.vehicles.mavlink.signing import Signer, ticks_of_utc
-from wil_campaign.vehicles.mavlink.signing_key import SigningKey
 
 COMMANDS = 10_000
 _NOBODY = 65534

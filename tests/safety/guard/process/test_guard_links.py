@@ -20,6 +20,8 @@ from tests.safety.guard.remote_rigs import ROOT, RemoteFlight, guard_config, unt
 from wil_campaign.plugins.impaired_links.impaired import Radio
 from wil_campaign.plugins.impaired_links.impairment import BurstLoss, Impairment, LinkOutage
 from wil_campaign.plugins.redundant_links.redundant import Redundancy
+from wil_campaign.plugins.signed_links.signed_link import SignedLink
+from wil_campaign.plugins.signed_links.signing_key import key_from_environment
 from wil_campaign.safety.guard.core.commands import BringDown, StartOutage
 from wil_campaign.safety.guard.core.events import GuardedVehicle, GuardSettings
 from wil_campaign.safety.guard.process.guard_config import (
@@ -33,10 +35,8 @@ from wil_campaign.vehicles.autopilots.px4 import Px4
 from wil_campaign.vehicles.links.link import LinkError
 from wil_campaign.vehicles.links.link_conditions import KeySource, LinkConditions
 from wil_campaign.vehicles.links.link_strings import parse_link
-from wil_campaign.vehicles.links.signed_link import SignedLink
 from wil_campaign.vehicles.links.udp import UdpLink
 from wil_campaign.vehicles.mavlink.codec import MavlinkCodec
-from wil_campaign.vehicles.mavlink.signing_key import key_from_environment
 
 KEY = "passphrase:of the test"
 
@@ -202,7 +202,7 @@ def test_a_guard_of_udp_links_imports_no_other_kind() -> None:
     """It starts in 0.4 s of CPU, which each run on the wall clock waits for."""
     command = [sys.executable, "-P", "-c", IMPORTS]
     done = subprocess.run(command, capture_output=True, text=True, check=True)  # noqa: S603 - ours
-    plugins = {"stream_links", "impaired_links", "redundant_links"}
+    plugins = {"stream_links", "impaired_links", "redundant_links", "signed_links"}
     assert set(done.stdout.split()) == {f"wil_campaign.plugins.{name}.plugin" for name in plugins}
 
 

@@ -12,8 +12,8 @@ from functools import cache
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from wil_campaign.plugins.signed_links.signing_key import SigningKey
 from wil_campaign.vehicles.mavlink.framing import MavlinkFrame
-from wil_campaign.vehicles.mavlink.signing_key import SigningKey
 
 SIGNATURE_BYTES = 13
 TICKS_PER_S = 100_000

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from tests.plugins.console.test_console_server import view
-from wil_campaign.orchestrator.live_feed.feed_messages import (
+from wil_campaign.orchestrator.state.mixtures import PreviewImages
+from wil_campaign.plugins.console.feed.feed_messages import (
     EventView,
     FactsView,
     FeedMessage,
@@ -18,9 +19,8 @@ from wil_campaign.orchestrator.live_feed.feed_messages import (
     RunView,
     feed_codec,
 )
-from wil_campaign.orchestrator.live_feed.feed_publisher import FeedPublisher
-from wil_campaign.orchestrator.live_feed.feed_sockets import feed_receiver
-from wil_campaign.orchestrator.state.mixtures import PreviewImages
+from wil_campaign.plugins.console.feed.feed_publisher import FeedPublisher
+from wil_campaign.plugins.console.feed.feed_sockets import feed_receiver
 from wil_campaign.vehicles.readings import CameraReading, Source
 from wil_campaign.worlds.camera import Intrinsics
 

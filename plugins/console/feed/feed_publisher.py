@@ -15,8 +15,9 @@ from typing import Self
 import msgspec
 
 from wil_campaign.foundation.tasks import FAULTS
-from wil_campaign.orchestrator.live_feed.feed_images import image_view
-from wil_campaign.orchestrator.live_feed.feed_messages import (
+from wil_campaign.orchestrator.state.mixtures import PreviewImages
+from wil_campaign.plugins.console.feed.feed_images import image_view
+from wil_campaign.plugins.console.feed.feed_messages import (
     LONGEST_DATAGRAM_BYTES,
     EventView,
     FactsView,
@@ -24,8 +25,7 @@ from wil_campaign.orchestrator.live_feed.feed_messages import (
     RunView,
     feed_codec,
 )
-from wil_campaign.orchestrator.live_feed.feed_sockets import FeedSender, find_console_sockets
-from wil_campaign.orchestrator.state.mixtures import PreviewImages
+from wil_campaign.plugins.console.feed.feed_sockets import FeedSender, find_console_sockets
 from wil_campaign.vehicles.readings import CameraReading
 
 _SEARCH_S = 1.0

@@ -1,17 +1,42 @@
-"""A link with MAVLink 2 signing: signs outgoing frames, and accepts only signed ones."""
+"""Links with MAVLink 2 signing: they sign outgoing frames, and accept only signed ones."""
 
 import asyncio
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Self
 
+from wil_campaign.plugins.signed_links.signer import (
+    TICKS_PER_S,
+    Signer,
+    SigningCounts,
+    ticks_of_utc,
+)
+from wil_campaign.plugins.signed_links.signing_key import SigningKey, signing_key
 from wil_campaign.vehicles.links.link import (
     ConfirmsSenders,
     Link,
     TellsTrouble,
     WrappedLink,
 )
+from wil_campaign.vehicles.links.link_conditions import SIGNING, KeySource, LinkLayer, LinkSite
 from wil_campaign.vehicles.mavlink.framing import FrameSplitter, MavlinkFrame
-from wil_campaign.vehicles.mavlink.signing import TICKS_PER_S, Signer, SigningCounts, ticks_of_utc
-from wil_campaign.vehicles.mavlink.signing_key import SigningKey
+
+
+@dataclass(frozen=True)
+class Signing(LinkLayer):
+    """The signing of a vehicle's links. source: of their key. utc_s: as of SignedLink."""
+
+    source: KeySource
+    utc_s: float
+    name: str = SIGNING
+
+    def over(self, links: Sequence[Link], site: LinkSite) -> list[Link]:  # noqa: ARG002 - of the layer
+        """Return signed links over these ones. Raises SigningKeyError."""
+        key = signing_key(self.source)
+        return [
+            SignedLink(link=link, key=key, utc_s=self.utc_s, link_id=number)
+            for number, link in enumerate(links)
+        ]
 
 
 class SignedLink(WrappedLink):

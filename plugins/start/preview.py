@@ -1,4 +1,4 @@
-"""Renders a preview of a world file: `python -m wil_campaign.worlds.preview WORLD.yaml IMAGE.png`.
+"""Renders a world: `python -m wil_campaign.plugins.start.preview WORLD.yaml IMAGE.png`.
 
 For authors of worlds: is the mesh upright, its unit right, the gate where it should be?
 """
@@ -47,7 +47,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
-        prog="python -m wil_campaign.worlds.preview", description=__doc__
+        prog="python -m wil_campaign.plugins.start.preview", description=__doc__
     )
     parser.add_argument("world", type=Path, help="a world file")
     parser.add_argument("image", type=_image_file, help="the image to write (.png, .jpg)")

@@ -10,20 +10,20 @@ from typing import Annotated, Any, Literal
 from cyclopts import Parameter
 
 from wil_campaign import campaigns
-from wil_campaign.campaigns.schema.part_summaries import part_summary
 from wil_campaign.campaigns.schema.sensors import sensor_parts
 from wil_campaign.campaigns.setup.autonomy_under_test import shipped_autonomies
 from wil_campaign.foundation.files.documents import BadInput, load_document
 from wil_campaign.installed_plugins import installed_plugins_by_name
 from wil_campaign.orchestrator.cli.standard_streams import write_stdout
 from wil_campaign.orchestrator.cli.text_table import table_lines
-from wil_campaign.recipes.language.step_docs import StepDoc, describe_step
-from wil_campaign.recipes.model.registry import registered_steps
-from wil_campaign.safety.oracles.oracle_docs import (
+from wil_campaign.plugins.start.oracle_docs import (
     OracleParameterDoc,
     common_parameters,
     describe_oracles,
 )
+from wil_campaign.plugins.start.part_summaries import part_summary
+from wil_campaign.plugins.start.step_docs import StepDoc, describe_step
+from wil_campaign.recipes.model.registry import registered_steps
 from wil_campaign.safety.oracles.registry import oracle_kinds
 from wil_campaign.vehicles.autopilots.registry import autopilot_strategies
 from wil_campaign.vehicles.readings import sensor_names

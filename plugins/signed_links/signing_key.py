@@ -8,6 +8,7 @@ import os
 from pathlib import Path
 
 from wil_campaign.vehicles.errors import VehicleError
+from wil_campaign.vehicles.links.link_conditions import KeySource
 
 KEY_BYTES = 32
 _FORMS = (
@@ -47,6 +48,13 @@ class SigningKey:
     def signed(self, covered: bytes, signature: bytes) -> bool:
         """Return whether the bytes were signed with this key."""
         return hmac.compare_digest(self.signature(covered), signature)
+
+
+def signing_key(source: KeySource) -> SigningKey:
+    """Return the signing key at a source. Raises SigningKeyError."""
+    if source.kind == "file":
+        return key_from_file(Path(source.name))
+    return key_from_environment(source.name)
 
 
 def key_from_file(path: Path) -> SigningKey:

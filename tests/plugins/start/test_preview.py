@@ -6,9 +6,9 @@ import cv2
 import numpy as np
 import pytest
 
-from wil_campaign.worlds.preview import main
+from wil_campaign.plugins.start.preview import main
 
-HALL = Path(__file__).parents[2] / "worlds" / "hall.yaml"
+HALL = Path(__file__).parents[3] / "worlds" / "hall.yaml"
 
 
 def test_the_preview_writes_a_picture_and_names_the_things_in_it(

@@ -4,7 +4,7 @@ import time
 
 import pytest
 
-from wil_campaign.campaigns.statistics.proportions import (
+from wil_campaign.plugins.statistics.proportions import (
     clopper_pearson,
     flights_without_failure,
     least_pass_rate,

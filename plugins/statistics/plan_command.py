@@ -2,21 +2,17 @@
 
 import json
 import math
-from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
 
 from cyclopts import Parameter
 
 from wil_campaign.campaigns.expansion.expansion import Campaign, load_campaign
-from wil_campaign.campaigns.statistics.proportions import flights_without_failure, least_pass_rate
-from wil_campaign.campaigns.values.acceptance import PassRequirement
 from wil_campaign.orchestrator.cli.run_selection import ALL, RunSelection
 from wil_campaign.orchestrator.cli.standard_streams import write_stdout
 from wil_campaign.orchestrator.cli.text_table import count_text, table_lines
-
-_CLAIMS = (0.80, 0.90, 0.95, 0.99)
-"""Pass rates for which the plan states how many flights without a failure show them."""
+from wil_campaign.plugins.statistics.campaign_plan import CLAIMS, plan_document
+from wil_campaign.plugins.statistics.proportions import flights_without_failure, least_pass_rate
 
 
 def plan(
@@ -69,7 +65,7 @@ def _claim_text(campaign: Campaign) -> str:
         )
     # Rounded down: 58 flights show 0.9497, and no 0.95.
     shown = math.floor(100.0 * least_pass_rate(repetitions)) / 100.0
-    needs = ", ".join(f"{rate:.2f} needs {flights_without_failure(rate)}" for rate in _CLAIMS)
+    needs = ", ".join(f"{rate:.2f} needs {flights_without_failure(rate)}" for rate in CLAIMS)
     return (
         f"claims: {count_text(repetitions, 'flight')} of a case and mode, all passed, show a pass "
         f"rate of at least {shown:.2f} with a confidence of 95 %; {needs}"
@@ -81,47 +77,3 @@ def _runs_text(campaign: Campaign) -> str:
     count = len(campaign.controls)
     controls = f" and {count_text(count, 'control')}" if count else ""
     return f"{len(campaign.runs)} runs{controls}"
-
-
-def plan_document(campaign: Campaign) -> dict[str, object]:
-    """Return the plan as the document of --json."""
-    return {
-        "campaign": campaign.name,
-        "seed": campaign.seed,
-        "runs": [
-            {
-                "case": run.case,
-                "mode": run.mode,
-                "rep": run.repetition,
-                "seed": run.seed,
-                "required": run.required,
-            }
-            for run in campaign.runs
-        ],
-        "controls": [
-            {
-                "control": run.case,
-                "case": run.control.case,
-                "mode": run.mode,
-                "seed": run.seed,
-                "verdict": run.control.verdict,
-                "oracle": run.control.oracle,
-                "cause": run.control.cause,
-            }
-            for run in campaign.controls
-            if run.control is not None
-        ],
-        "claims": [
-            {"pass_rate": rate, "confidence": 0.95, "flights": flights_without_failure(rate)}
-            for rate in _CLAIMS
-        ],
-        "accept": [_accept_entry(requirement) for requirement in campaign.requirements],
-    }
-
-
-def _accept_entry(wanted: PassRequirement) -> dict[str, object]:
-    """Return what is required of a case and mode: the share, or the test that has to decide."""
-    entry: dict[str, object] = {"case": wanted.case, "mode": wanted.mode}
-    if wanted.test is not None:
-        return entry | {"test": asdict(wanted.test)}
-    return entry | {"passes": wanted.share.passes, "runs": wanted.share.runs}

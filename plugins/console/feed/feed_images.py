@@ -2,7 +2,7 @@
 
 import cv2
 
-from wil_campaign.orchestrator.live_feed.feed_messages import ImageView
+from wil_campaign.plugins.console.feed.feed_messages import ImageView
 from wil_campaign.vehicles.readings import CameraReading
 
 _WIDEST_PX = 640

@@ -6,6 +6,7 @@ from pydantic import Field
 
 from wil_campaign.safety.model.oracle_results import OracleResult
 from wil_campaign.safety.model.samples import PoseSample
+from wil_campaign.safety.model.signals import extrapolated_ned_m
 from wil_campaign.safety.oracles.oracle import (
     NO_FLAGS,
     Flags,
@@ -17,7 +18,7 @@ from wil_campaign.safety.oracles.oracle import (
     oracle,
 )
 from wil_campaign.worlds.figures import distinct_value_text
-from wil_campaign.worlds.frames import Vec3, add, norm, scale, subtract
+from wil_campaign.worlds.frames import norm, subtract
 
 
 class TwinDivergenceParameters(Windowed):
@@ -82,12 +83,6 @@ class TwinDivergenceOracle(Oracle):
             margin=margin_m,
             at_s=at_s,
         )
-
-
-def extrapolated_ned_m(sample: PoseSample, t_s: float) -> Vec3:
-    """Return a vehicle's position extrapolated to a time, to compare the pair."""
-    ahead_m = scale(sample.velocity_ned_m_s, t_s - sample.t_s)
-    return add(sample.pose.position_ned_m, ahead_m)
 
 
 @oracle(

@@ -1,12 +1,12 @@
 """Oracles of the reported health: the estimator, the battery, the flight modes."""
 
-from typing import Annotated, Literal, Self
+from typing import Annotated, Self
 
 from pydantic import Field, model_validator
 
 from wil_campaign.foundation.files.documents import KeyFaultError
 from wil_campaign.safety.model.oracle_results import OracleResult
-from wil_campaign.safety.model.samples import StageSample, StateSample
+from wil_campaign.safety.model.samples import ModeName, StageSample, StateSample
 from wil_campaign.safety.model.signals import battery_percent
 from wil_campaign.safety.oracles.limit_oracle import LimitOracle, value_beside_limit
 from wil_campaign.safety.oracles.oracle import (
@@ -19,9 +19,6 @@ from wil_campaign.safety.oracles.oracle import (
     oracle,
 )
 from wil_campaign.safety.oracles.oracle_terms import ON_GOAL
-
-ModeName = Literal["hold", "takeoff", "guided", "land", "rtl", "mission", "pilot", "other"]
-"""The values of `wil_campaign.vehicles.autopilots.autopilot.FlightMode`."""
 
 
 class EstimatorParameters(Windowed):

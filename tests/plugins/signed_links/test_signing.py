@@ -13,25 +13,30 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from wil_campaign.foundation.clocks.virtual_loop import run_virtual
+from wil_campaign.plugins.signed_links.signed_link import SignedLink
+from wil_campaign.plugins.signed_links.signer import (
+    TICKS_PER_S,
+    Signer,
+    SigningCounts,
+    ticks_of_utc,
+)
+from wil_campaign.plugins.signed_links.signing_key import (
+    SigningKey,
+    SigningKeyError,
+    key_from_environment,
+    key_from_file,
+)
 from wil_campaign.vehicles.driver import Driver
 from wil_campaign.vehicles.embedded.physics.config import EmbeddedConfig
 from wil_campaign.vehicles.embedded.vehicle import EmbeddedVehicle
 from wil_campaign.vehicles.errors import IdentifyError
 from wil_campaign.vehicles.links.memory import memory_pair
-from wil_campaign.vehicles.links.signed_link import SignedLink
 from wil_campaign.vehicles.mavlink.codec import MavlinkCodec
 from wil_campaign.vehicles.mavlink.framing import (
     FrameSplitter,
     MavlinkFrame,
     frame_checksum,
     frame_header,
-)
-from wil_campaign.vehicles.mavlink.signing import TICKS_PER_S, Signer, SigningCounts, ticks_of_utc
-from wil_campaign.vehicles.mavlink.signing_key import (
-    SigningKey,
-    SigningKeyError,
-    key_from_environment,
-    key_from_file,
 )
 
 SECRET = bytes(range(32))

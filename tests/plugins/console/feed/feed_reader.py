@@ -4,8 +4,8 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from wil_campaign.orchestrator.live_feed.feed_messages import FeedMessage, feed_codec
-from wil_campaign.orchestrator.live_feed.feed_sockets import feed_receiver
+from wil_campaign.plugins.console.feed.feed_messages import FeedMessage, feed_codec
+from wil_campaign.plugins.console.feed.feed_sockets import feed_receiver
 
 
 @contextmanager
