@@ -18,6 +18,8 @@ _BLOCKS = (16, 12)
 _STILL_LEVELS, _STILL_MOST, _STILL_SHARE = 1, 3, 0.95
 """Most means of a still stay within the first, and all within the second (H.264, 0.15 to 1 Mbit/s,
 with a new key image)."""
+_EDGE_ROWS, _CLOCK_BLOCKS = 2, 12
+"""A clock laid over a still changes blocks of its upper, or of its lower, rows: at most so many."""
 _CONTRAST = 8.0
 """Between the quarters of the means; a camera that sees less of a scene may go on seeing it."""
 _PASSED_M, _TURNED_RAD = 1.5, math.radians(20.0)
@@ -138,6 +140,18 @@ def _has_contrast(means: NDArray[np.int16]) -> bool:
 
 
 def _is_still(first: NDArray[np.int16], now: NDArray[np.int16]) -> bool:
-    apart = np.abs(now - first)
-    same = np.count_nonzero(apart <= _STILL_LEVELS)
-    return int(apart.max()) <= _STILL_MOST and same >= _STILL_SHARE * apart.size
+    apart = np.abs(now - first).max(axis=2)
+    is_other = apart > _STILL_MOST
+    if is_other.any():
+        within = slice(_EDGE_ROWS, -_EDGE_ROWS)
+        # What is between these rows has to show by itself that it stands still.
+        if not _may_be_clock(is_other) or not _has_contrast(first[within]):
+            return False
+    rest = apart[~is_other]
+    return bool(np.count_nonzero(rest <= _STILL_LEVELS) >= _STILL_SHARE * rest.size)
+
+
+def _may_be_clock(is_other: NDArray[np.bool_]) -> bool:
+    upper, lower = is_other[:_EDGE_ROWS], is_other[-_EDGE_ROWS:]
+    most = max(np.count_nonzero(upper), np.count_nonzero(lower))
+    return bool(most == np.count_nonzero(is_other) <= _CLOCK_BLOCKS)
