@@ -4,6 +4,7 @@ Builds the recorder of a run by the campaign's recording settings.
 """
 
 import asyncio
+import math
 import time
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
@@ -168,13 +169,20 @@ def ground_parts(
         oracle_runner=oracle_runner,
         external_io=external_io,
         recorder=recorder,
-        sync=Synchronisation(setup=setup.case.sync, run_state=run_state),
+        sync=_synchronisation(setup, run_state),
         twin=_twin_monitor(setup, run_state),
         reporter=reporter,
         preflight=PreflightChecks(setup=setup, note=recorder.note),
         arming=ArmingRecord(now=asyncio.get_running_loop().time, note=recorder.note),
         feed=feed,
     )
+
+
+def _synchronisation(setup: RunSetup, run_state: RunState) -> Synchronisation:
+    """Return the synchronisation of a run; a clock that a person answers for has no limit."""
+    wanted = setup.case.preflight
+    limit_s = math.inf if "clock" in wanted.override else wanted.max_clock_error_s
+    return Synchronisation(setup=setup.case.sync, run_state=run_state, max_clock_error_s=limit_s)
 
 
 def _twin_monitor(setup: RunSetup, run_state: RunState) -> TwinMonitor | None:
@@ -211,6 +219,7 @@ def flight_parts(
     )
     goal = _goal_flight(ground, pair, perception)
     sync.attach(pair.contexts)
+    sync.watch_clocks(ground.contexts)
     if ground.twin is not None and setup.companion is not None:
         ground.twin.attach(setup.companion, needed_by=perception.bound_to_twin)
     operator_hold = OperatorHold(run_state=run_state)

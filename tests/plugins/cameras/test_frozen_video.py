@@ -120,7 +120,9 @@ def test_a_wall_between_edges_that_pass_by_is_no_clock() -> None:
     assert not watched(images)
     wall[-40:] = 120.0
     wall[100:140, :160] = 20.0
-    assert not watched([noisy(np.vstack((np.roll(wall[:40], 4 * k, 1), wall[40:])), rng) for k in range(60)])
+    assert not watched(
+        [noisy(np.vstack((np.roll(wall[:40], 4 * k, 1), wall[40:])), rng) for k in range(60)]
+    )
 
 
 def test_a_camera_that_sees_is_not_frozen() -> None:
