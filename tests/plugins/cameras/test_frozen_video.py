@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from wil_campaign.vehicles.readings import CameraReading
+from wil_campaign.vehicles.readings import CameraReading, DepthReading
 from wil_campaign.vehicles.sources.readings.frozen_readings import FrozenReadings
 from wil_campaign.worlds.camera import Intrinsics
 from wil_campaign.worlds.frames import Pose
@@ -153,3 +153,32 @@ def test_a_camera_that_is_covered_or_dazzled_shows_nothing(level: float, word: s
     dark = image.copy()
     dark[100:140, 100:140] = 128.0
     assert not watched([noisy(dark, rng) for _ in range(60)]), "a lamp at night"
+
+
+def covered_depth(rng: np.random.Generator, *, seen: float = 0.6) -> Any:
+    """Return the noise of a time-of-flight camera behind tape: centimetres, and holes."""
+    depth_m = rng.normal(0.06, 0.01, (SIZE[1], SIZE[0])).astype(np.float32)
+    depth_m[rng.random(depth_m.shape) > seen] = np.inf
+    return depth_m
+
+
+@pytest.mark.parametrize(
+    ("seen", "farthest_m", "is_said"),
+    [(0.6, 0.06, True), (1.0, 0.06, True), (0.02, 0.06, False), (0.6, 0.5, False)],
+)
+def test_a_depth_camera_that_is_covered_shows_centimetres(
+    seen: float, farthest_m: float, is_said: bool
+) -> None:
+    """Its noise made no two images equal: what stands before the vehicle was not there, PASS."""
+    rng, frozen, said = np.random.default_rng(4), FrozenReadings(), []
+    for k in range(60):
+        depth_m = covered_depth(rng, seen=seen)
+        depth_m[100:140, 100:140] = farthest_m
+        reading = DepthReading(k / 15, k / 15, k, "real", depth_m, LENS, rendered=False)
+        said.append(frozen.receive(reading, Pose.of(0.05 * k, 0.0, 1.0)))
+    assert any(said) == is_said
+    if is_said:
+        assert said[15] == (
+            "its images were within 0.15 m all over for 1.00 s: the camera is covered, dazzled or "
+            "broken"
+        )
