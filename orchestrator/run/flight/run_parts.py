@@ -247,17 +247,19 @@ def flight_parts(
             inbox=inbox,
             onboard_fences=before_arming.configuration.fences,
         ),
-        lateness=_lateness(setup, run_state),
+        lateness=_lateness(setup, run_state, goal),
     )
 
 
-def _lateness(setup: RunSetup, run_state: RunState) -> MachineLateness | None:
+def _lateness(setup: RunSetup, run_state: RunState, goal: GoalFlight) -> MachineLateness | None:
     """Return what measures how late the run's loop is; None where its clock waits for it."""
     if setup.clock != "wall":
         return None
     remedy = lateness_remedy(virtual=all(flown.embedded for flown in setup.guarded))
     flies_on = any(flown.attached is not None for flown in setup.guarded)
-    return MachineLateness(run_state=run_state, remedy=remedy, flies_on=flies_on)
+    return MachineLateness(
+        run_state=run_state, remedy=remedy, flies_on=flies_on, holding=goal.holding_autonomy
+    )
 
 
 def _signal_faults(ground: GroundParts, pair: VehiclePair) -> SignalFaults:

@@ -383,6 +383,7 @@ def test_a_clock_that_is_not_asked_any_more_is_in_doubt(rate: float) -> None:
             simulation.sync_due_s = math.inf
         if taken_s < simulation.now_s:  # a stamp is never taken to be after its arrival
             assert abs(taken_s - true_s) <= doubt_s + 0.06
+    assert doubt_s is not None
     assert doubt_s > 0.5
     simulation.sync_due_s = simulation.now_s
     simulation.fly(for_s=5.0, rate=1.0, sync_s=0.0937)
