@@ -11,6 +11,7 @@ from wil_campaign.campaigns.schema.composition import CompositionPart
 from wil_campaign.campaigns.setup.overrides import override_from_option
 from wil_campaign.campaigns.values.acceptance import DECIDED, PassShare, parse_pass_share
 from wil_campaign.foundation.files.documents import Document, check_document
+from wil_campaign.foundation.files.problems import without_passwords
 from wil_campaign.foundation.files.yaml_nodes import mapping_node
 
 _REQUIRING = ("modes", "cases", "controls", "repetitions", "oracles", "accept")
@@ -67,7 +68,7 @@ def set_option_caveats(sets: Iterable[str], original: Document | None) -> list[s
         if len(in_file) > _MOST_LETTERS:
             in_file = f"{in_file[: _MOST_LETTERS - 3]}..."
         stated = "" if value is None else f" (the file says {in_file})"
-        found.append(f"set by the command line: {text}{stated}")
+        found.append(without_passwords(f"set by the command line: {text}{stated}"))
     return found
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from wil_campaign.foundation.files.documents import Data, parse_document
+from wil_campaign.foundation.files.problems import without_passwords
 from wil_campaign.orchestrator.installation import flown_program
 from wil_campaign.orchestrator.recording.mcap.mcap_settings import ImageSettings
 from wil_campaign.recipes.language.recipe_document import load_recipe
@@ -35,7 +36,7 @@ def facts_of_run(setup: "RunSetup") -> dict[str, str]:
         "rep": str(plan.repetition),
         "seed": str(plan.seed),
         "objects": json.dumps(setup.case.world.object_ids),
-        "campaign": json.dumps(plan.files.campaign.data, default=str),
+        "campaign": without_passwords(json.dumps(plan.files.campaign.data, default=str)),
         "fences": json.dumps(
             {vehicle: plain_fence(fence) for vehicle, fence in setup.case.fences.items()}
         ),

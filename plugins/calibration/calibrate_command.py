@@ -19,6 +19,7 @@ from wil_campaign.campaigns.schema.sources import MocapPart, SourcePart
 from wil_campaign.campaigns.values.external_setups import MocapSetup
 from wil_campaign.foundation.files.document_writer import require_own_file, write_atomically
 from wil_campaign.foundation.files.documents import BadInput, KeyFaultError
+from wil_campaign.foundation.files.problems import without_passwords
 from wil_campaign.orchestrator.cli.standard_streams import write_stderr, write_stdout
 from wil_campaign.plugins.calibration.board_search import (
     BoardViews,
@@ -176,7 +177,8 @@ def calibrate(
         write_stderr(error)
         return 2
     except VehicleError as error:
-        write_stderr(f"{images}: {error}" if images not in str(error) else error)
+        shown = without_passwords(images)
+        write_stderr(f"{shown}: {error}" if shown not in str(error) else error)
         return 3
     except OSError as error:
         write_stderr(f"{out_}: cannot be written: {error.strerror or error}")
@@ -204,7 +206,8 @@ def _search_images(
         return _search_recording(Path(images), board, poses, where.vehicle, where.sensor)
     mocap = None if poses is None else _mocap(poses, where.body, latency_ms or 0.0)
     order = _live(images, live.size, live.seconds, mocap)
-    write_stderr(f"taking images of {images} for {live.seconds:g} s: move the board, or the body")
+    shown = without_passwords(images)
+    write_stderr(f"taking images of {shown} for {live.seconds:g} s: move the board, or the body")
     views, path = asyncio.run(search_live(order, board))
     return views, path, 0.0
 

@@ -16,6 +16,7 @@ from wil_campaign.campaigns.schema.calibration import (
 )
 from wil_campaign.foundation.files.documents import load_document
 from wil_campaign.foundation.files.paths import is_file
+from wil_campaign.foundation.files.problems import printable_problem
 from wil_campaign.plugins.calibration.board_search import BoardViews
 from wil_campaign.plugins.calibration.boards import Board, CalibrationError
 from wil_campaign.plugins.calibration.body_paths import BodyPath
@@ -103,7 +104,7 @@ def calibration_yaml(calibration: CalibrationPart, *, made_of: str) -> str:
     """Return the measured calibration as a YAML file. made_of: what it was measured from."""
     plain: dict[str, Any] = calibration.model_dump(by_alias=True, exclude_none=True)
     body = yaml.safe_dump(plain, sort_keys=False, default_flow_style=None, width=100)
-    return f"# Written by wil-campaign calibrate, from {made_of}\n{body}"
+    return f"# Written by wil-campaign calibrate, from {printable_problem(made_of)}\n{body}"
 
 
 def _latency_ms(fit: "MountingFit", flown_s: float) -> float:

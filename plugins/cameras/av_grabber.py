@@ -17,6 +17,7 @@ from typing import Any
 
 import av
 
+from wil_campaign.foundation.files.problems import without_passwords
 from wil_campaign.plugins.cameras.av_input import (
     EXPLODE,
     AvInput,
@@ -25,7 +26,6 @@ from wil_campaign.plugins.cameras.av_input import (
     no_image_error,
     no_key_frame_error,
     opening_error,
-    redacted_address,
 )
 from wil_campaign.plugins.cameras.live_camera import GrabbedImage
 from wil_campaign.vehicles.sources.camera_source import SourceError
@@ -232,7 +232,7 @@ class AvGrabber:
                 raise no_image_error(source.url) from error
             raise opening_error(source.url, error) from error
         if not self._container.streams.video:
-            raise SourceError(f"{redacted_address(source.url)}: has no video")
+            raise SourceError(f"{without_passwords(source.url)}: has no video")
         self._stream = self._container.streams.video[0]
         # With more threads several frames are decoded at once, and each is later.
         self._stream.codec_context.thread_count = 1
@@ -284,12 +284,12 @@ class AvGrabber:
             return None
         except av.error.FFmpegError as error:
             raise SourceError(
-                f"{redacted_address(self._source.url)}: the stream was lost: {error.strerror}; "
+                f"{without_passwords(self._source.url)}: the stream was lost: {error.strerror}; "
                 "check cable and network"
             ) from error
         if packet is None or (packet.size == 0 and packet.pts is None):
             raise SourceError(
-                f"{redacted_address(self._source.url)}: the stream has ended: its sender closed it"
+                f"{without_passwords(self._source.url)}: the stream has ended: its sender closed it"
             )
         return packet
 
@@ -304,7 +304,7 @@ class AvGrabber:
         if self._broken:
             return GrabbedImage(None, frame.time)
         if why := grey_bits_fault(frame.format):
-            raise SourceError(f"{redacted_address(self._source.url)}: {why}")
+            raise SourceError(f"{without_passwords(self._source.url)}: {why}")
         return GrabbedImage(frame.to_ndarray(format="bgr24"), frame.time)
 
 

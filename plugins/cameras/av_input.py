@@ -8,6 +8,7 @@ from typing import Any, Literal
 
 import av
 
+from wil_campaign.foundation.files.problems import without_passwords
 from wil_campaign.vehicles.sources.camera_source import SourceError
 from wil_campaign.worlds.camera import Intrinsics
 
@@ -73,11 +74,6 @@ def av_input(
     if device.startswith("/dev/"):
         return AvInput("v4l2", device, "v4l2", _v4l2_options(intrinsics, rate_hz, v4l2_format))
     return AvInput("file", address)
-
-
-def redacted_address(address: str) -> str:
-    """Return an input's address without its password."""
-    return re.sub(r"(?<=://)([^/@:]*):[^/@]*@", r"\1:***@", address)
 
 
 def _rtp(address: str, sdp: str | None) -> AvInput:
@@ -166,7 +162,7 @@ def no_image_error(address: str) -> SourceError:
     elif address.endswith(".sdp"):
         sent = ", with the payload type that this file has"
     return SourceError(
-        f"{redacted_address(address)}: no image arrived in time; check that it is sent to this "
+        f"{without_passwords(address)}: no image arrived in time; check that it is sent to this "
         f"host and port{sent}"
     )
 
@@ -174,7 +170,7 @@ def no_image_error(address: str) -> SourceError:
 def no_key_frame_error(address: str) -> SourceError:
     """Return the error of a camera input in which nothing can be decoded."""
     return SourceError(
-        f"{redacted_address(address)}: video arrives without a key frame to start decoding from; "
+        f"{without_passwords(address)}: video arrives without a key frame to start decoding from; "
         "have the sender send one every second (keyint, GOP, I-frame interval), with its parameter "
         "sets (GStreamer: rtph264pay config-interval=1), or wait longer"
     )
@@ -183,14 +179,14 @@ def no_key_frame_error(address: str) -> SourceError:
 def all_damaged_error(address: str) -> SourceError:
     """Return the error of a camera input whose images, each coded alone, were all damaged."""
     return SourceError(
-        f"{redacted_address(address)}: each of its images arrives damaged or cut off; check the "
+        f"{without_passwords(address)}: each of its images arrives damaged or cut off; check the "
         "camera's power, cable and network, or ask it for less (size, rate)"
     )
 
 
 def opening_error(address: str, error: Exception) -> SourceError:
     """Return FFmpeg's error of opening an input, with what to do."""
-    name = redacted_address(address)
+    name = without_passwords(address)
     if isinstance(error, av.error.ExitError):
         return no_image_error(address)
     for kind, remedy in _REMEDIES:

@@ -4,8 +4,9 @@ from pathlib import Path
 from typing import Literal
 
 from wil_campaign.campaigns.values.external_setups import SourceSetup
+from wil_campaign.foundation.files.problems import without_passwords
 from wil_campaign.plugins.cameras.av_grabber import AvGrabber
-from wil_campaign.plugins.cameras.av_input import av_input, redacted_address
+from wil_campaign.plugins.cameras.av_input import av_input
 from wil_campaign.plugins.cameras.image_files import ImageFolder, VideoFile
 from wil_campaign.plugins.cameras.live_camera import LiveCamera
 from wil_campaign.plugins.cameras.mcap_images import McapFile
@@ -80,12 +81,12 @@ def live_camera(
     )
     if source.kind == "file":
         raise SourceError(
-            f"{redacted_address(address)}: is not a live camera; live cameras are rtsp://..., "
+            f"{without_passwords(address)}: is not a live camera; live cameras are rtsp://..., "
             "rtp://HOST:PORT, "
             "FILE.sdp and /dev/videoN; a video file is a recording"
         )
     return LiveCamera(
-        name=redacted_address(address),
+        name=without_passwords(address),
         grabber=AvGrabber(
             source=source, open_timeout_s=open_timeout_s, stall_timeout_s=stall_timeout_s
         ),

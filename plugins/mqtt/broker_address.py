@@ -3,6 +3,8 @@
 from dataclasses import dataclass
 from urllib.parse import urlsplit
 
+from wil_campaign.foundation.files.problems import without_passwords
+
 _PORTS = {"mqtt": 1883, "mqtts": 8883}
 _LIKE = "(like mqtt://127.0.0.1:1883, mqtts://broker.example:8883, or embedded)"
 
@@ -37,9 +39,11 @@ def parse_broker_address(text: str) -> BrokerAddress:
         parts = urlsplit(text)
         host, number = parts.hostname, parts.port
     except ValueError as error:
-        raise BrokerAddressError(f"broker '{text}' cannot be read: {error} {_LIKE}") from error
+        raise BrokerAddressError(
+            f"broker '{without_passwords(text)}' cannot be read: {error} {_LIKE}"
+        ) from error
     if parts.scheme not in _PORTS or not host or parts.path not in {"", "/"} or parts.query:
-        raise BrokerAddressError(f"broker '{text}' cannot be read {_LIKE}")
+        raise BrokerAddressError(f"broker '{without_passwords(text)}' cannot be read {_LIKE}")
     if parts.password is not None:
         raise BrokerAddressError(
             "a password in an address would appear in logs; name the variable that holds it by "

@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 from wil_campaign.recipes.visibility.model import FrameVisibility, ObjectVisibility, Unit
+from wil_campaign.recipes.visibility.ranges import BLIND_WITHIN_M
 from wil_campaign.worlds.figures import distinct_value_text
 
 _SHARE_FRAMES = 5
@@ -81,6 +82,9 @@ class VisibilityCoverage:
         self._blind_s: float | None = None
         self._blind_frames = 0
         """Since when no frame in a row shows anything that is in view, and how many these are."""
+        self._unseeing_s: float | None = None
+        self._unseeing_frames = 0
+        """Since when the real reading of no frame in a row has a surface, and how many."""
 
     def observe(self, frame: FrameVisibility) -> VisibilityFault | None:
         """Count a measured mixture; return the visibility fault once it has lasted long enough."""
@@ -97,7 +101,11 @@ class VisibilityCoverage:
                 f"something virtual in {share} at {frame.t_s:.3f} s, where geometry expects nothing"
             )
             faults.append(VisibilityFault(frame.t_s, f"{self._shower} shows {extra}"))
-        faults += [self._lasting_blindness(), self._lost_from_view(frame)]
+        faults += [
+            self._lasting_blindness(),
+            self._lost_from_view(frame),
+            self._without_real_surfaces(frame),
+        ]
         return next((fault for fault in faults if fault is not None), None)
 
     def why_not_measured(self) -> str:
@@ -176,6 +184,19 @@ class VisibilityCoverage:
         )
         text += f"in view in {self._blind_frames} measured frames in a row"
         return VisibilityFault(self._blind_s, f"{self._shower} {text}")
+
+    def _without_real_surfaces(self, frame: FrameVisibility) -> VisibilityFault | None:
+        """Return the fault that the real sensor saw nothing of the real world for long enough."""
+        if not frame.is_blind:
+            self._unseeing_s, self._unseeing_frames = None, 0
+            return None
+        since_s = self._unseeing_s = frame.t_s if self._unseeing_s is None else self._unseeing_s
+        self._unseeing_frames += 1
+        if self._unseeing_frames < _SHARE_FRAMES or frame.t_s - since_s < _BLIND_S:
+            return None
+        text = f"has nothing of the real sensor from {since_s:.3f} s on, though surfaces of the "
+        text += f"real world are within {BLIND_WITHIN_M:g} m of it: it is covered or broken"
+        return VisibilityFault(since_s, f"{self._shower} {text}")
 
     def _lasting_blindness(self) -> VisibilityFault | None:
         """Return the fault that nothing in view was shown, once it has lasted long enough."""

@@ -111,7 +111,8 @@ class FrameVisibility:
     t_s: exposure of the real reading, run clock. changed: share of the reading that the recipe
     changed. elsewhere: share of the reading that shows something virtual farther than the limit
     from all expected objects; is_unexpected: whether no object is expected and that share is large
-    enough to count as in view. not_mixed: objects in view that the recipe leaves out by name.
+    enough to count as in view. is_blind: whether the real reading has nothing of the physical
+    surfaces that fill most of it. not_mixed: objects in view that the recipe leaves out by name.
     not_measured: why this frame was not measured; "" when it was.
     """
 
@@ -120,5 +121,6 @@ class FrameVisibility:
     changed: float = 0.0
     elsewhere: float = 0.0
     is_unexpected: bool = False
+    is_blind: bool = False
     not_mixed: tuple[str, ...] = ()
     not_measured: str = ""

@@ -21,6 +21,9 @@ half a degree of attitude at an oblique surface."""
 AMBIGUOUS_SHARE = 0.5
 """Share of that limit: a real surface nearer than this to a virtual one makes a beam ambiguous, as
 its range would show the virtual object even without mixing."""
+BLIND_WITHIN_M, BLIND_ELEMENTS, BLIND_OF, BLIND_SHARE = 4.0, 20, 0.15, 0.01
+"""A real reading that has a range in no more than the last share of its elements, where at least so
+many, and such a share, have a physical surface nearer than the first: it is a covered sensor's."""
 LEAST_ELEMENTS = 2
 """Least number of beams on an object in view, for a sensor with several."""
 
@@ -70,7 +73,23 @@ def compare_ranges(
     most = max(2.0 * least, 0.5 * own)
     unexpected = bool(np.count_nonzero(away) >= max(1.0, min(most, away.size)))
     changed = _share(mixed_m != real_m)
-    return FrameVisibility(t_s, objects, changed, _share(away), unexpected, not_mixed)
+    blind = _is_blind(real_m, expected, virtual, reach_m)
+    return FrameVisibility(t_s, objects, changed, _share(away), unexpected, blind, not_mixed)
+
+
+def _is_blind(
+    real_m: NDArray[np.float64],
+    expected: ExpectedRanges,
+    virtual: VirtualObjects,
+    reach_m: tuple[float, float],
+) -> bool:
+    """Return whether the real sensor saw nothing of what surely stands before it: it is covered."""
+    due_m, not_real = expected.ranges_m, list(virtual.everything().names)
+    is_due = (due_m >= reach_m[0]) & (due_m <= min(reach_m[1], BLIND_WITHIN_M))
+    is_due &= (expected.ids != 0) & ~np.isin(expected.ids, not_real)
+    due, seen = np.count_nonzero(is_due), np.count_nonzero(np.isfinite(real_m))
+    is_filled = due >= max(BLIND_ELEMENTS, BLIND_OF * real_m.size)
+    return bool(is_filled and seen <= BLIND_SHARE * real_m.size)
 
 
 def _is_shown_through(

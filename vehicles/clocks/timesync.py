@@ -142,6 +142,11 @@ class ClockMap:
         self._check_known()
         return self._remote_s + (t_s - self._run_s) / self._rate
 
+    def doubt_s(self, remote_s: float) -> float:
+        """Return the bound of `run_time`'s error at a vehicle's time, long after TIMESYNC too."""
+        unasked_s = remote_s - self._remote_s - _OFFSET_WINDOW_S
+        return self._uncertainty_s + self._max_drift * max(0.0, unasked_s)
+
     @property
     def half_round_trip_s(self) -> float:
         """Return half the shortest TIMESYNC round trip of the window."""
@@ -376,12 +381,15 @@ class VehicleClock:
 
     @property
     def uncertainty_s(self) -> float | None:
-        """Return the bound of the clock map's error; None with arrivals only."""
+        """Return the bound of the clock map's error; None with arrivals only.
+
+        It grows while telemetry comes and TIMESYNC is not answered: nothing tells the pace then.
+        """
         if not self._map.known:
             return None
+        remote_s = self._newest_boot_s + self._epoch_shift_s
         shift_error_s = self._map.half_round_trip_s if self._epoch_shift_s else 0.0
-        slew_s = abs(self._slew.at(self._newest_boot_s + self._epoch_shift_s))
-        return self._map.uncertainty_s + shift_error_s + slew_s
+        return self._map.doubt_s(remote_s) + shift_error_s + abs(self._slew.at(remote_s))
 
     def estimate(self) -> ClockEstimate | None:
         """Return the clock estimate by TIMESYNC; None with arrivals only."""

@@ -16,6 +16,7 @@ from wil_campaign.campaigns.expansion.expansion import Campaign
 from wil_campaign.campaigns.setup.case_files import CaseFiles
 from wil_campaign.foundation.clocks.virtual_loop import Clock
 from wil_campaign.foundation.files.documents import Data, Document
+from wil_campaign.foundation.files.problems import without_passwords
 from wil_campaign.foundation.files.yaml_nodes import YamlNode, plain_value_of_node
 from wil_campaign.foundation.processes.linux import usable_cores
 from wil_campaign.hooks import autonomy_kinds
@@ -54,7 +55,7 @@ def campaign_manifest(campaign: Campaign, clock: Clock, *, arm: bool = True) -> 
         "options": {
             "case": list(campaign.options.cases),
             "mode": list(campaign.options.modes),
-            "set": list(campaign.options.sets),
+            "set": _shown(list(campaign.options.sets)),
         },
         "started_utc": utc_text(time.time()),
         "host": {"name": platform.node(), "machine": platform.machine(), "cores": usable_cores()},
@@ -63,8 +64,13 @@ def campaign_manifest(campaign: Campaign, clock: Clock, *, arm: bool = True) -> 
         "files": _digests(files | imported.files, campaign),
         "runs": _runs(campaign),
         "requirements": [asdict(requirement) for requirement in campaign.requirements],
-        "document": campaign.document.data,
+        "document": _shown(campaign.document.data),
     }
+
+
+def _shown(data: Any) -> Any:
+    """Return values as results have them: without the passwords of addresses."""
+    return json.loads(without_passwords(json.dumps(data, default=str)))
 
 
 def _digests(files: set[Path], campaign: Campaign) -> dict[str, str]:
@@ -81,12 +87,12 @@ def judging_manifest(campaign: Campaign, flown: Mapping[str, Any]) -> dict[str, 
     """
     files = {path for path in _files(campaign) if path.suffix != ".py"}
     return {
-        "options": {"set": list(campaign.options.sets)},
+        "options": {"set": _shown(list(campaign.options.sets))},
         "versions": _versions(frozenset()),
         "plugins": flown_plugins(),
         "files": _digests(files, campaign),
         "runs": _as_flown(campaign, flown),
-        "document": campaign.document.data,
+        "document": _shown(campaign.document.data),
     }
 
 
@@ -247,7 +253,8 @@ def _documents_digest(files: CaseFiles, texts: dict[int, str], **changed: Data) 
 def _text_of_node(node: YamlNode, texts: dict[int, str]) -> str:
     """Return a node as JSON with sorted keys; made once, as the node outlives `texts`."""
     if id(node) not in texts:
-        texts[id(node)] = json.dumps(plain_value_of_node(node), sort_keys=True, default=str)
+        text = json.dumps(plain_value_of_node(node), sort_keys=True, default=str)
+        texts[id(node)] = without_passwords(text)
     return texts[id(node)]
 
 

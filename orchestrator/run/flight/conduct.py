@@ -7,7 +7,6 @@ from typing import Any
 from wil_campaign.foundation.tasks import finish_in_task, open_task_group, stop_tasks
 from wil_campaign.orchestrator.run.flight.run_parts import FlightParts
 from wil_campaign.orchestrator.run.perception.autonomy_calls import AutonomyFault
-from wil_campaign.orchestrator.run.perception.autonomy_runner import AutonomyRunner
 from wil_campaign.orchestrator.run.stages.pair_flight import fly_together
 from wil_campaign.orchestrator.run.vehicles.pair import VehiclePair
 from wil_campaign.orchestrator.state.run_state import FlightError, RunState
@@ -172,8 +171,9 @@ def _receive_guard_event(run: FlightParts, event: GuardEvent) -> None:
     if event.kind == "alone":
         _drop_out(run, event)
     settled = decisive_guard_event(event)
-    if event.kind == "silence" and (autonomy := _holding_autonomy(run)) is not None:
-        name, text = autonomy
+    if event.kind == "silence" and (held := run.goal.holding_autonomy()) is not None:
+        name, how = held
+        text = f"the autonomy of {name} {how}"
         run.run_state.decide("FAIL", text, t_s=event.t_s, source=f"autonomy/{name}")
     elif settled is not None:
         text = settled.text + _last_texts(run, event)
@@ -183,14 +183,6 @@ def _receive_guard_event(run: FlightParts, event: GuardEvent) -> None:
 def _last_texts(run: FlightParts, event: GuardEvent) -> str:
     armed_s = run.run_state.entered_s.get("arm")
     return last_statustext(run.pair, event, armed_s=armed_s)
-
-
-def _holding_autonomy(run: FlightParts) -> tuple[str, str] | None:
-    """Return the vehicle whose autonomy has kept the loop from running, and how; None for none."""
-    for name, runner in run.goal.runners.items():
-        if isinstance(runner, AutonomyRunner) and (held := runner.held_up()):
-            return name, f"the autonomy of {name} {held}"
-    return None
 
 
 def _drop_out(run: FlightParts, event: GuardEvent) -> None:

@@ -4,6 +4,7 @@ import asyncio
 import math
 import time
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from wil_campaign.orchestrator.state.run_state import RunState
@@ -30,13 +31,17 @@ class MachineLateness:
     """Records when the run's loop was late, and decides a run as INVALID that is red for that.
 
     A suspended machine was late by no clock that stood with it: that decides the run where a
-    vehicle flew on (`flies_on`). remedy: in words.
+    vehicle flew on (`flies_on`). remedy: in words. holding: returns the vehicle whose autonomy has
+    lately kept the loop from running, and how; None for none. What comes of that is its failure.
     """
 
     run_state: RunState
     remedy: str
     flies_on: bool = False
-    _late: deque[tuple[float, float]] = field(default_factory=lambda: deque(maxlen=_KEPT))
+    holding: Callable[[], tuple[str, str] | None] = lambda: None
+    _late: deque[tuple[float, float, tuple[str, str] | None]] = field(
+        default_factory=lambda: deque(maxlen=_KEPT)
+    )
     _explained: list[DecisiveEvent] = field(default_factory=list)
 
     def __post_init__(self) -> None:
@@ -70,7 +75,8 @@ class MachineLateness:
         lateness may be decided by now.
         """
         if woken_s - due_s >= LATE_S:
-            self._late.append((due_s, woken_s))
+            held = self.holding() if woken_s - due_s >= _UNCOMMANDED_S else None
+            self._late.append((due_s, woken_s, held))
             for event in tuple(self.run_state.decisive):
                 self._explain(event)
 
@@ -78,17 +84,22 @@ class MachineLateness:
         """Decide the run by the lateness that explains an event."""
         least_s = _explaining_s(event)
         overlapping = [
-            (woken_s - due_s, due_s)
-            for due_s, woken_s in self._late
+            (woken_s - due_s, due_s, held)
+            for due_s, woken_s, held in self._late
             if woken_s - due_s >= least_s and due_s - _BEFORE_S <= event.t_s <= woken_s + _AFTER_S
         ]
         if not overlapping or event in self._explained:
             return
         self._explained.append(event)
-        late_s, at_s = max(overlapping)
-        text = f"this machine was late by {late_s:.2f} s{self._when(at_s)}; {self.remedy}"
+        late_s, at_s, held = max(overlapping, key=lambda one: one[:2])
         # It is the cause of the event, and so comes before it.
         t_s = min(at_s, event.t_s)
+        if held is not None:
+            name, how = held
+            text, source = f"the autonomy of {name} {how}", f"autonomy/{name}"
+            self.run_state.decide("FAIL", text, t_s=t_s, source=source, ends_flight=False)
+            return
+        text = f"this machine was late by {late_s:.2f} s{self._when(at_s)}; {self.remedy}"
         self.run_state.decide("INVALID", text, t_s=t_s, source="machine/clock", ends_flight=False)
 
     def _when(self, t_s: float) -> str:

@@ -4,6 +4,7 @@ Builds the recorder of a run by the campaign's recording settings.
 """
 
 import asyncio
+import math
 import time
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import ExitStack
@@ -173,13 +174,20 @@ def ground_parts(
         oracle_runner=oracle_runner,
         external_io=external_io,
         recorder=recorder,
-        sync=Synchronisation(setup=setup.case.sync, run_state=run_state),
+        sync=_synchronisation(setup, run_state),
         twin=_twin_monitor(setup, run_state),
         reporter=reporter,
         preflight=PreflightChecks(setup=setup, note=recorder.note),
         arming=ArmingRecord(now=asyncio.get_running_loop().time, note=recorder.note),
         feeds=tuple(feeds),
     )
+
+
+def _synchronisation(setup: RunSetup, run_state: RunState) -> Synchronisation:
+    """Return the synchronisation of a run; a clock that a person answers for has no limit."""
+    wanted = setup.case.preflight
+    limit_s = math.inf if "clock" in wanted.override else wanted.max_clock_error_s
+    return Synchronisation(setup=setup.case.sync, run_state=run_state, max_clock_error_s=limit_s)
 
 
 def _twin_monitor(setup: RunSetup, run_state: RunState) -> TwinMonitor | None:
@@ -216,6 +224,7 @@ def flight_parts(
     )
     goal = _goal_flight(ground, pair, perception)
     sync.attach(pair.contexts)
+    sync.watch_clocks(ground.contexts)
     if ground.twin is not None and setup.companion is not None:
         ground.twin.attach(setup.companion, needed_by=perception.bound_to_twin)
     operator_hold = OperatorHold(run_state=run_state)
@@ -243,17 +252,19 @@ def flight_parts(
             inbox=inbox,
             onboard_fences=before_arming.configuration.fences,
         ),
-        lateness=_lateness(setup, run_state),
+        lateness=_lateness(setup, run_state, goal),
     )
 
 
-def _lateness(setup: RunSetup, run_state: RunState) -> MachineLateness | None:
+def _lateness(setup: RunSetup, run_state: RunState, goal: GoalFlight) -> MachineLateness | None:
     """Return what measures how late the run's loop is; None where its clock waits for it."""
     if setup.clock != "wall":
         return None
     remedy = lateness_remedy(virtual=all(flown.embedded for flown in setup.guarded))
     flies_on = any(flown.attached is not None for flown in setup.guarded)
-    return MachineLateness(run_state=run_state, remedy=remedy, flies_on=flies_on)
+    return MachineLateness(
+        run_state=run_state, remedy=remedy, flies_on=flies_on, holding=goal.holding_autonomy
+    )
 
 
 def _signal_faults(ground: GroundParts, pair: VehiclePair) -> SignalFaults:

@@ -5,6 +5,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from wil_campaign.foundation.tasks import open_task_group, stop_tasks
+from wil_campaign.orchestrator.run.perception.autonomy_runner import AutonomyRunner
 from wil_campaign.orchestrator.run.perception.runner_factory import AnyRunner
 from wil_campaign.orchestrator.run.stages.drop_outs import unless_dropped_out
 from wil_campaign.orchestrator.state.run_state import RunState
@@ -31,6 +32,13 @@ class GoalFlight:
     notify: Callable[[str, float], None]
     within_s: float
     companion: str | None = None
+
+    def holding_autonomy(self) -> tuple[str, str] | None:
+        """Return the vehicle whose autonomy has lately kept the loop from running, and how."""
+        for name, runner in self.runners.items():
+            if isinstance(runner, AutonomyRunner) and (held := runner.held_up()):
+                return name, held
+        return None
 
     async def fly(self, t0_s: float) -> None:
         """Fly the goal; return when the subject's autonomy is done, and the other's was awaited.

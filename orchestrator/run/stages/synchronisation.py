@@ -1,6 +1,8 @@
-"""Synchronisation of a pair: skews of command, takeoff and t0, checked against their limits."""
+"""Synchronisation of a pair: skews of command, takeoff and t0, clocks; against their limits."""
 
+import math
 from collections.abc import Iterable, Mapping
+from functools import partial
 
 from wil_campaign.campaigns.setup.case_setup import SyncSetup
 from wil_campaign.orchestrator.run_results.run_result import SyncResult
@@ -8,17 +10,32 @@ from wil_campaign.orchestrator.state.liftoff_detector import LiftoffDetector
 from wil_campaign.orchestrator.state.run_state import RunState, Stage
 from wil_campaign.orchestrator.state.vehicle_context import VehicleContext
 from wil_campaign.safety.guard.local_guard import Record
+from wil_campaign.vehicles.driver.vehicle_state import EstimateSample
 from wil_campaign.vehicles.mavlink.fields import NAV_TAKEOFF, command_in_frame
 from wil_campaign.vehicles.mavlink.framing import frame_header
 from wil_campaign.worlds.figures import distinct_value_text
 
+_IN_DOUBT_S = 3.0
+"""A simulation that stood for a moment is in doubt for the five TIMESYNC that show its new pace."""
+_WATCHED_EVERY_S = 0.1
+
 
 class Synchronisation:
-    """Measures the pair's synchronisation: command, takeoff and t0 skew, and their limits."""
+    """Measures the pair's synchronisation: command, takeoff and t0 skew, and their limits.
 
-    def __init__(self, *, setup: SyncSetup, run_state: RunState) -> None:
+    max_clock_error_s: the largest doubt of a vehicle's clock in flight.
+    """
+
+    def __init__(
+        self, *, setup: SyncSetup, run_state: RunState, max_clock_error_s: float = math.inf
+    ) -> None:
         self._setup = setup
         self._run_state = run_state
+        self._max_clock_error_s = max_clock_error_s
+        self._doubted: dict[str, float] = {}
+        """Since when a vehicle's clock is in doubt without a pause."""
+        self._watched_s: dict[str, float] = {}
+        self._decided: set[str] = set()
         self._contexts: tuple[VehicleContext, ...] = ()
         self._command_s: dict[str, float] = {}
         self._goal_s: dict[str, float] = {}
@@ -28,6 +45,11 @@ class Synchronisation:
         """Attach the pair whose synchronisation is measured."""
         self._contexts = contexts
         self._run_state.on_stage(self._on_stage)
+
+    def watch_clocks(self, contexts: Iterable[VehicleContext]) -> None:
+        """Watch the clocks of vehicles, by each of their estimates, from takeoff to landing."""
+        for context in contexts:
+            context.driver.on_estimate(partial(self._watch_clock, context))
 
     def stagger(self, waited_s: Mapping[str, float]) -> None:
         """Set how long each vehicle's takeoff command is delayed for a common liftoff."""
@@ -96,6 +118,26 @@ class Synchronisation:
         flown = [one for one in self._contexts if one.name not in self._run_state.dropped_out]
         if len(flown) == len(self._contexts) and flown and flown[0].name in self._goal_s:
             self._require("t0", self._goal_s, "setpoint to", ends_flight=False)
+
+    def _watch_clock(self, context: VehicleContext, sample: EstimateSample) -> None:
+        """Decide that a clock was in doubt for too long: times of what it stamps are not known."""
+        name, limit_s, state = context.name, self._max_clock_error_s, self._run_state
+        if sample.t_s < self._watched_s.get(name, 0.0) + _WATCHED_EVERY_S:
+            return
+        self._watched_s[name] = sample.t_s
+        doubt_s = context.driver.clock.uncertainty_s or 0.0
+        is_flown = state.reached("takeoff") and not state.reached("landed")
+        if doubt_s <= limit_s or not is_flown or name in state.dropped_out:
+            self._doubted.pop(name, None)
+            return
+        since_s = self._doubted.setdefault(name, sample.t_s)
+        if sample.t_s - since_s < _IN_DOUBT_S or name in self._decided:
+            return
+        self._decided.add(name)
+        most = distinct_value_text(doubt_s, limit_s, digits=3)
+        text = f"the clock of {name} is known to {most} s only, for {_IN_DOUBT_S:g} s from "
+        text += f"{since_s:.1f} s on; preflight.max_clock_error_s is {limit_s:g} s"
+        state.decide("INVALID", text, source="sync/clock", ends_flight=False)
 
     def _skew(self, times_s: dict[str, float]) -> float | None:
         if len(self._contexts) < 2 or len(times_s) < len(self._contexts):

@@ -11,6 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 from tests.plugins.calibration.board_images import CHARUCO, LENS, Hand, board_views, picture
+from tests.ports import free_port
 from wil_campaign.campaigns.schema.calibration import CalibrationPart, read_calibration
 from wil_campaign.foundation.files.documents import load_document
 from wil_campaign.orchestrator.cli import main
@@ -322,3 +323,18 @@ def test_poses_of_a_device_are_refused(tmp_path: Path) -> None:
     (tmp_path / "poses.csv").symlink_to("/dev/null")
     with pytest.raises(OfflineError, match="is not a file"):
         body_path_in_csv(tmp_path / "poses.csv")
+
+
+def test_the_password_of_a_camera_is_in_no_calibration(
+    optics: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """It stood in the file's first line, and in what is printed."""
+    part = read_calibration(load_document(optics))
+    text = calibration_yaml(part, made_of="rtsp://bob:s3cr3t@cam/main")
+    assert text.splitlines()[0].endswith("calibrate, from rtsp://bob:***@cam/main")
+    address = f"rtsp://bob:s3cr3t@127.0.0.1:{free_port()}/main"
+    options = ["--board", BOARD, "--size", "640x480", "--seconds", "1"]
+    assert main(["calibrate", address, *options, "--out", str(tmp_path / "camera.yaml")]) == 3
+    printed = "".join(capsys.readouterr())
+    assert "rtsp://bob:***@127.0.0.1" in printed
+    assert "s3cr3t" not in printed

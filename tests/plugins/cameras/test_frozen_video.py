@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from wil_campaign.vehicles.readings import CameraReading
+from wil_campaign.vehicles.readings import CameraReading, DepthReading
 from wil_campaign.vehicles.sources.readings.frozen_readings import FrozenReadings
 from wil_campaign.worlds.camera import Intrinsics
 from wil_campaign.worlds.frames import Pose
@@ -88,6 +88,43 @@ def test_a_still_behind_an_encoder_is_frozen(
     assert not watched(images, step_m=0.01)
 
 
+def clocked(image: Picture, k: int, *, row: int) -> Picture:
+    """Return an image with the time in milliseconds laid over it, as cameras of halls do."""
+    shown, text = image.copy(), f"2026-12-02 03:08:{k / 15:06.3f}"
+    cv2.rectangle(shown, (4, row - 14), (220, row + 4), (0.0, 0.0, 0.0), -1)
+    cv2.putText(shown, text, (6, row), cv2.FONT_HERSHEY_SIMPLEX, 0.5, (255.0, 255.0, 255.0), 1)
+    return shown
+
+
+@pytest.mark.parametrize("row", [16, 234])
+@pytest.mark.parametrize("is_encoded", [True, False])
+def test_a_still_under_a_running_clock_is_frozen(row: int, is_encoded: bool) -> None:
+    """Each image differs by the digits of the time, and was taken for one that sees: PASS."""
+    images = [clocked(scene(), k, row=row) for k in range(60)]
+    if is_encoded:
+        images = list(streamed(images, preset="veryfast", crf="28"))[15:]
+    said = watched(images)
+    assert said
+    assert said[0].endswith("the sensor is frozen")
+    assert not watched(images, step_m=0.01)
+
+
+def test_a_wall_between_edges_that_pass_by_is_no_clock() -> None:
+    """Where nothing can be told apart beside the edges, these alone say that a camera sees."""
+    rng, wall = np.random.default_rng(2), np.full((SIZE[1], SIZE[0], 3), 120.0)
+    tiles = np.where(np.arange(2 * SIZE[0]) // 40 % 2 == 0, 20.0, 220.0)
+    images = []
+    for k in range(60):
+        wall[:40] = wall[-40:] = tiles[3 * k : 3 * k + SIZE[0], np.newaxis]
+        images.append(noisy(wall, rng))
+    assert not watched(images)
+    wall[-40:] = 120.0
+    wall[100:140, :160] = 20.0
+    assert not watched(
+        [noisy(np.vstack((np.roll(wall[:40], 4 * k, 1), wall[40:])), rng) for k in range(60)]
+    )
+
+
 def test_a_camera_that_sees_is_not_frozen() -> None:
     rng, image = np.random.default_rng(2), scene().astype(np.float64)
     row, column = SIZE[1] / 2, SIZE[0] / 2
@@ -116,3 +153,32 @@ def test_a_camera_that_is_covered_or_dazzled_shows_nothing(level: float, word: s
     dark = image.copy()
     dark[100:140, 100:140] = 128.0
     assert not watched([noisy(dark, rng) for _ in range(60)]), "a lamp at night"
+
+
+def covered_depth(rng: np.random.Generator, *, seen: float = 0.6) -> Any:
+    """Return the noise of a time-of-flight camera behind tape: centimetres, and holes."""
+    depth_m = rng.normal(0.06, 0.01, (SIZE[1], SIZE[0])).astype(np.float32)
+    depth_m[rng.random(depth_m.shape) > seen] = np.inf
+    return depth_m
+
+
+@pytest.mark.parametrize(
+    ("seen", "farthest_m", "is_said"),
+    [(0.6, 0.06, True), (1.0, 0.06, True), (0.02, 0.06, False), (0.6, 0.5, False)],
+)
+def test_a_depth_camera_that_is_covered_shows_centimetres(
+    seen: float, farthest_m: float, is_said: bool
+) -> None:
+    """Its noise made no two images equal: what stands before the vehicle was not there, PASS."""
+    rng, frozen, said = np.random.default_rng(4), FrozenReadings(), []
+    for k in range(60):
+        depth_m = covered_depth(rng, seen=seen)
+        depth_m[100:140, 100:140] = farthest_m
+        reading = DepthReading(k / 15, k / 15, k, "real", depth_m, LENS, rendered=False)
+        said.append(frozen.receive(reading, Pose.of(0.05 * k, 0.0, 1.0)))
+    assert any(said) == is_said
+    if is_said:
+        assert said[15] == (
+            "its images were within 0.15 m all over for 1.00 s: the camera is covered, dazzled or "
+            "broken"
+        )

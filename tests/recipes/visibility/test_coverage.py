@@ -205,3 +205,18 @@ def test_one_mixture_elsewhere_now_and_then_is_no_fault() -> None:
 def test_a_displaced_object_that_stays_missed_is_measured_at_the_usual_pace() -> None:
     frames = [seen(0.0), seen(0.2, offset=80.0), seen(0.3, shown=False), seen(0.4, shown=False)]
     assert [flown(frames[: k + 1])[0].is_suspect() for k in range(4)] == [False, True, True, False]
+
+
+@pytest.mark.parametrize(("sees_at", "is_fault"), [(-1, True), (6, False)])
+def test_a_real_sensor_that_is_covered_for_two_seconds_is_a_fault(
+    sees_at: int, is_fault: bool
+) -> None:
+    coverage = VisibilityCoverage()
+    faults = [
+        coverage.observe(FrameVisibility(1.0 + k / 5, is_blind=k != sees_at)) for k in range(12)
+    ]
+    found = next((fault for fault in faults if fault is not None), None)
+    assert (found is not None) == is_fault
+    if found is not None:
+        assert found.t_s == 1.0
+        assert found.text.startswith("the mixture has nothing of the real sensor from 1.000 s on")

@@ -172,3 +172,41 @@ def test_a_single_beam_shows_an_unexpected_object(nearest_m: float, is_unexpecte
         nearest_m=nearest_m,
     )
     assert frame.is_unexpected == is_unexpected
+
+
+@pytest.mark.parametrize(
+    ("truly_m", "floor_m", "beams", "is_blind"),
+    [
+        (np.inf, 2.0, 60, True),
+        (2.0, 2.0, 60, False),
+        (np.inf, 4.5, 60, False),  # farther than any sensor surely reaches
+        (np.inf, 2.0, 22, False),  # 19 beams that meet it
+        (np.inf, 0.1, 60, False),  # nearer than it measures
+    ],
+)
+def test_a_covered_sensor_has_nothing_of_what_stands_before_it(
+    truly_m: float, floor_m: float, beams: int, is_blind: bool
+) -> None:
+    """Nothing came back of it, so that virtual objects alone were mixed: PASS."""
+    ranges_m, ids = np.full(BEAMS, np.inf), np.zeros(BEAMS, np.uint8)
+    ranges_m[:beams], ids[:beams] = floor_m, WALL + 1
+    ranges_m[:3], ids[:3] = 1.0, WALL
+    truly = np.full(BEAMS, truly_m)
+    frame = compare_ranges(
+        t_s=1.0,
+        real_m=truly,
+        mixed_m=np.minimum(truly, np.where(ids == WALL, 1.0, np.inf)),
+        expected=ExpectedRanges(ranges_m, ids),
+        virtual=VIRTUAL,
+        reach_m=(0.15, 12.0),
+    )
+    assert frame.is_blind == is_blind
+    virtual = VirtualObjects({WALL: "wall"}, {WALL + 1: "floor"})
+    assert not compare_ranges(
+        t_s=1.0,
+        real_m=truly,
+        mixed_m=truly,
+        expected=ExpectedRanges(ranges_m, ids),
+        virtual=virtual,
+        reach_m=(0.15, 12.0),
+    ).is_blind, "what is virtual only, no real sensor sees"

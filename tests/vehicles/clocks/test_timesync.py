@@ -368,3 +368,25 @@ def test_a_clock_that_stood_for_long_steps() -> None:
     assert max(simulation.gaps_s()) > 0.5
     true_s, taken_s = simulation.mapped[-1]
     assert taken_s == pytest.approx(true_s, abs=0.005)
+
+
+@pytest.mark.parametrize("rate", [1.0, 0.99, 1.015])
+def test_a_clock_that_is_not_asked_any_more_is_in_doubt(rate: float) -> None:
+    """Its doubt stayed that of the last answer: 0.0005 s, where 0.6 s were true after a minute."""
+    simulation = _started()
+    for _ in range(60):
+        simulation.fly(for_s=1.0, rate=rate, sync_s=math.inf)
+        true_s, taken_s = simulation.mapped[-1]
+        doubt_s = simulation.clock.uncertainty_s
+        assert doubt_s is not None
+        if simulation.now_s - simulation.sync_due_s > 0.0:
+            simulation.sync_due_s = math.inf
+        if taken_s < simulation.now_s:  # a stamp is never taken to be after its arrival
+            assert abs(taken_s - true_s) <= doubt_s + 0.06
+    assert doubt_s is not None
+    assert doubt_s > 0.5
+    simulation.sync_due_s = simulation.now_s
+    simulation.fly(for_s=5.0, rate=1.0, sync_s=0.0937)
+    doubt_s = simulation.clock.uncertainty_s
+    assert doubt_s is not None
+    assert doubt_s < 0.01

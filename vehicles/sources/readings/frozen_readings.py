@@ -18,12 +18,18 @@ _BLOCKS = (16, 12)
 _STILL_LEVELS, _STILL_MOST, _STILL_SHARE = 1, 3, 0.95
 """Most means of a still stay within the first, and all within the second (H.264, 0.15 to 1 Mbit/s,
 with a new key image)."""
+_EDGE_ROWS, _CLOCK_BLOCKS = 2, 12
+"""A clock laid over a still changes blocks of its upper, or of its lower, rows: at most so many."""
 _CONTRAST = 8.0
 """Between the quarters of the means; a camera that sees less of a scene may go on seeing it."""
 _PASSED_M, _TURNED_RAD = 1.5, math.radians(20.0)
 """After so much way, or a turn, the means of a scene are others, however far away it is."""
 _BLACK, _WHITE = 12, 250
 """A camera all of whose means are below the first, or above the second, is covered or dazzled."""
+_NEAR_M, _NEAR_SHARE, _FAR_SHARE = 0.15, 0.1, 0.01
+"""A depth camera that sees so much within the first, and no more beyond, is covered."""
+_DEPTH_STEP = 8
+"""Each so many-th row and column of a depth image are looked at."""
 _BLANK_S = 1.0
 """For so long a camera may look into the sun, or out of a dark corner."""
 
@@ -47,7 +53,7 @@ class _Still(NamedTuple):
 
 
 class _Blank(NamedTuple):
-    """The first of a series of images that are black, or white, all over."""
+    """The first of a series of images that are black, white, or next to the camera, all over."""
 
     word: str
     pose: Pose
@@ -65,24 +71,31 @@ class FrozenReadings:
     def receive(self, reading: Reading, pose: Pose | None) -> str | None:
         """Return a message that the sensor is frozen; None when not. pose: of the vehicle."""
         equal = self._receive_equal(reading, pose)
-        if equal is not None or not isinstance(reading, CameraReading) or pose is None:
+        if equal is not None or pose is None:
             return equal
+        if isinstance(reading, DepthReading):
+            return self._receive_blank(reading, _depth_blank(reading), pose)
+        if not isinstance(reading, CameraReading):
+            return None
         means = cv2.resize(reading.image_bgr, _BLOCKS, interpolation=cv2.INTER_AREA)
-        return self._receive_blank(reading, means, pose) or self._receive_still(
+        word = "black" if means.max() <= _BLACK else "white" if means.min() >= _WHITE else ""
+        return self._receive_blank(reading, word, pose) or self._receive_still(
             reading, means.astype(np.int16), pose
         )
 
     def _receive_blank(
-        self, image: CameraReading, means: NDArray[np.uint8], pose: Pose
+        self, image: CameraReading | DepthReading, word: str, pose: Pose
     ) -> str | None:
-        """Return a message that a camera in the air has been black, or white, for too long."""
-        word = "black" if means.max() <= _BLACK else "white" if means.min() >= _WHITE else ""
+        """Return a message that a camera in the air has shown nothing for too long.
+
+        word: what its image is all over; "" for one that shows something.
+        """
         if self._blank is None or self._blank.word != word:
             self._blank = _Blank(word, pose, image.t_s) if word else None
         blank = self._blank
         if blank is None or image.t_s - blank.t_s < _BLANK_S:
             return None
-        if not traits_of(CameraReading).has_moved(image, blank.pose, pose):
+        if not traits_of(type(image)).has_moved(image, blank.pose, pose):
             return None
         return (
             f"its images were {word} all over for {image.t_s - blank.t_s:.2f} s: the camera is "
@@ -132,12 +145,31 @@ class FrozenReadings:
         )
 
 
+def _depth_blank(image: DepthReading) -> str:
+    depth_m = image.depth_m[::_DEPTH_STEP, ::_DEPTH_STEP]
+    near, known = np.count_nonzero(depth_m <= _NEAR_M), np.count_nonzero(np.isfinite(depth_m))
+    is_near = near >= _NEAR_SHARE * depth_m.size and known - near <= _FAR_SHARE * depth_m.size
+    return f"within {_NEAR_M:g} m" if is_near else ""
+
+
 def _has_contrast(means: NDArray[np.int16]) -> bool:
     low, high = np.percentile(means.mean(axis=2), (25, 75))
     return bool(high - low >= _CONTRAST)
 
 
 def _is_still(first: NDArray[np.int16], now: NDArray[np.int16]) -> bool:
-    apart = np.abs(now - first)
-    same = np.count_nonzero(apart <= _STILL_LEVELS)
-    return int(apart.max()) <= _STILL_MOST and same >= _STILL_SHARE * apart.size
+    apart = np.abs(now - first).max(axis=2)
+    is_other = apart > _STILL_MOST
+    if is_other.any():
+        within = slice(_EDGE_ROWS, -_EDGE_ROWS)
+        # What is between these rows has to show by itself that it stands still.
+        if not _may_be_clock(is_other) or not _has_contrast(first[within]):
+            return False
+    rest = apart[~is_other]
+    return bool(np.count_nonzero(rest <= _STILL_LEVELS) >= _STILL_SHARE * rest.size)
+
+
+def _may_be_clock(is_other: NDArray[np.bool_]) -> bool:
+    upper, lower = is_other[:_EDGE_ROWS], is_other[-_EDGE_ROWS:]
+    most = max(np.count_nonzero(upper), np.count_nonzero(lower))
+    return bool(most == np.count_nonzero(is_other) <= _CLOCK_BLOCKS)

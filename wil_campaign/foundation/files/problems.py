@@ -1,12 +1,19 @@
 """Problems of input files with their places, and the error that carries all of them."""
 
 import difflib
+import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
 _WIDEST_LINE = 100
 _LIKE_ENOUGH = 0.6
+
+_PASSWORDS = (
+    (re.compile(r"""(?<=://)([^/:@\s"']*):[^/\s"']*@"""), r"\1:***@"),
+    (re.compile(r"""(?i)(?<=[?&])(pass|passwd|password|pwd|token|key)=[^&\s"']+"""), r"\1=***"),
+)
+"""What a password in an address looks like, and what is shown in its place."""
 
 # fmt: off
 _UNITS = (
@@ -69,8 +76,19 @@ class BadInput(Exception):  # noqa: N818 - it is the input, not an error of this
 
 
 def printable_problem(text: str) -> str:
-    """Return a problem's text on one line, terminal control characters replaced by '?'."""
-    return "".join(letter if letter.isprintable() else "?" for letter in text)
+    """Return a problem's text on one line, without passwords, control characters as '?'."""
+    printable = "".join(letter if letter.isprintable() else "?" for letter in text)
+    return without_passwords(printable)
+
+
+def without_passwords(text: str) -> str:
+    """Return a text, of JSON too, with '***' for each password in an address: results are shared.
+
+    The user of "rtsp://user:password@host/main" stays.
+    """
+    for pattern, shown in _PASSWORDS:
+        text = pattern.sub(shown, text)
+    return text
 
 
 def unit_of_key(key: str) -> str:

@@ -64,6 +64,37 @@ def test_a_verdict_that_lateness_does_not_explain_keeps_its_reason(
     assert flight([late], kind, source, 103.4) == ["t0 skew 0.160 s exceeds 0.1 s"]
 
 
+@pytest.mark.parametrize(
+    ("late_s", "held", "kind", "source"),
+    [
+        (1.1, "held up the program", "FAIL", "autonomy/real"),
+        (1.1, "", "INVALID", "machine/clock"),
+        (0.4, "held up the program", "INVALID", "machine/clock"),
+    ],
+)
+@pytest.mark.parametrize("is_decided_before", [False, True])
+def test_an_autonomy_that_held_up_the_program_is_named_and_no_machine(
+    late_s: float, held: str, kind: str, source: str, is_decided_before: bool
+) -> None:
+    """Its regular expression of 38 s was INVALID by "this machine was late"."""
+    run_state = RunState(time=lambda: 100.0)
+    holding = ("real", held) if held else None
+    lateness = MachineLateness(run_state=run_state, remedy="", holding=lambda: holding)
+
+    def decide() -> None:
+        run_state.decide("INVALID", "no sample", t_s=102.06, source="evidence/pose/real")
+
+    if is_decided_before:
+        decide()
+    lateness.note(102.0, 102.0 + late_s)
+    if not is_decided_before:
+        decide()
+    found = decide_verdict(run_state.decisive, (), end_s=200.0)
+    assert (found.verdict, found.source, found.at_s) == (kind, source, 102.0)
+    if kind == "FAIL":
+        assert found.reason == "the autonomy of real held up the program"
+
+
 def test_attached_vehicles_cannot_be_flown_in_virtual_time() -> None:
     assert lateness_remedy(virtual=False) == "fly on a free machine"
 

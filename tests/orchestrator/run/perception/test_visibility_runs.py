@@ -2,16 +2,18 @@
 
 import json
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from mcap.reader import make_reader
 
 from tests.orchestrator.conftest import ROOT, SMALL_CAMERAS
 from wil_campaign.foundation.files.document_writer import to_json
 from wil_campaign.orchestrator.cli import main
+from wil_campaign.orchestrator.run.perception.perception import PerceivedSensor
 from wil_campaign.orchestrator.run.perception.visibility import MixtureViews
 from wil_campaign.orchestrator.run_results.run_result import RunResult
 from wil_campaign.plugins.python.mcap_reader import Recording
@@ -304,3 +306,47 @@ def test_beams_are_compared_with_what_geometry_puts_before_them(
         assert wall.offset_m is not None
         assert wall.offset_m.p99 is not None
         assert wall.offset_m.p99 < 0.2
+
+
+RANGES = """\
+schema: wil/recipe/1
+sensors:
+  stereo: {type: depth, rate_hz: 5}
+  lidar: {type: lidar, rate_hz: 5}
+combine:
+  - sensor: stereo
+    transform: [{register: {pose: real, align: interpolate}}]
+    merge: {aggregate: {by: min}}
+    max_skew_ms: 60
+  - sensor: lidar
+    transform: [{register: {pose: real, align: interpolate}}]
+    merge: {aggregate: {by: min}}
+    max_skew_ms: 60
+"""
+
+
+@pytest.mark.parametrize(
+    ("covered", "verdict"), [("", "PASS"), ("stereo", "INVALID"), ("lidar", "INVALID")]
+)
+def test_a_covered_real_sensor_of_which_nothing_comes_back_is_invalid(
+    covered: str, verdict: str, watch: Watching, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The gate was mixed into nothing: what stands in the hall was not there, and it passed."""
+    deliver = PerceivedSensor._deliver
+
+    def taken(self: PerceivedSensor, reading: Any) -> None:
+        if self.sensor == covered and reading.source == "real":
+            name = "depth_m" if covered == "stereo" else "ranges_m"
+            reading = replace(reading, **{name: np.full_like(getattr(reading, name), np.inf)})
+        deliver(self, reading)
+
+    monkeypatch.setattr(PerceivedSensor, "_deliver", taken)
+    stereo = "{type: depth, rate_hz: 5, width_px: 160, height_px: 120, fov_deg: 69}"
+    sensors = f"{{stereo: {stereo}, lidar: {{type: lidar, rate_hz: 5}}}}"
+    more = [f"vehicles.{name}.sensors={sensors}" for name in ("real", "twin")]
+    run = watch(RANGES, *more).run
+    assert run["verdict"] == verdict, run["reason"]
+    if covered:
+        said = f"mixing of {covered}: the mixture has nothing of the real sensor from "
+        assert run["reason"].startswith(said)
+        assert run["reason"].endswith("within 4 m of it: it is covered or broken")

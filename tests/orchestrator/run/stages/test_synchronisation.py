@@ -7,9 +7,12 @@ from typing import Any, cast
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from tests.orchestrator.flights import all_landed
 from wil_campaign.orchestrator.run.stages.synchronisation import Synchronisation
+from wil_campaign.orchestrator.run.vehicles import pair as pair_module
 from wil_campaign.orchestrator.state.liftoff_detector import LiftoffDetector
 from wil_campaign.orchestrator.state.run_state import RunState
+from wil_campaign.vehicles.clocks.timesync import VehicleClock
 
 LIMITS: Any = SimpleNamespace(
     max_command_skew_s=0.1, max_takeoff_skew_s=0.2, max_t0_skew_s=0.3, takeoff_timeout_s=20.0
@@ -191,3 +194,54 @@ def test_drift_of_an_estimate_on_the_ground_is_no_liftoff() -> None:
     sync.check_takeoff()
     reasons = [one.text for one in run_state.decisive if one.source == "sync/takeoff"]
     assert reasons == ["takeoff skew was not measured: no liftoff of real and twin"]
+
+
+@pytest.mark.parametrize(
+    ("doubt_s", "for_s", "decided"), [(0.3, 4.0, 1), (0.3, 2.0, 0), (0.2, 9.0, 0)]
+)
+def test_a_clock_in_doubt_is_noticed_in_flight(doubt_s: float, for_s: float, decided: int) -> None:
+    run_state = RunState(time=lambda: 5.0)
+    sync = Synchronisation(setup=LIMITS, run_state=run_state, max_clock_error_s=0.25)
+    clock, heard = SimpleNamespace(uncertainty_s=0.0), list[Callable[[Any], None]]()
+    driver = SimpleNamespace(clock=clock, on_estimate=heard.append)
+    sync.watch_clocks((cast("Any", SimpleNamespace(name="real", driver=driver)),))
+
+    def fly(from_s: float, seconds: float, doubt_s: float) -> None:
+        clock.uncertainty_s = doubt_s
+        for tick in range(round(seconds * 50)):
+            heard[0](SimpleNamespace(t_s=from_s + tick / 50))
+
+    fly(0.0, 9.0, doubt_s)
+    run_state.enter("takeoff")
+    fly(9.0, 5.0, 0.001)
+    fly(14.0, for_s, doubt_s)
+    fly(25.0, 5.0, 0.001)
+    run_state.enter("landed")
+    fly(30.0, 9.0, doubt_s)
+    text = "the clock of real is known to 0.300 s only, for 3 s from 14.0 s on; "
+    text += "preflight.max_clock_error_s is 0.25 s"
+    decisive = [(one.kind, one.source, one.text) for one in run_state.decisive]
+    assert decisive == [("INVALID", "sync/clock", text)] * decided
+
+
+@pytest.mark.parametrize("is_overridden", [False, True])
+def test_a_vehicle_that_stops_to_answer_timesync_in_flight_proves_nothing(
+    is_overridden: bool, fly_run: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its stamps are mapped by an old pace: its distances and skews are of other moments."""
+    answered = VehicleClock.answered
+
+    def until_takeoff(self: VehicleClock, *, tc1: int, ts1: int, arrived_s: float) -> bool:
+        return arrived_s < 8.0 and answered(self, tc1=tc1, ts1=ts1, arrived_s=arrived_s)
+
+    monkeypatch.setattr(VehicleClock, "answered", until_takeoff)
+    monkeypatch.setattr(pair_module, "_CLOCK_DRIFT", 0.02)  # that of an attached vehicle
+    sets = ["preflight.max_clock_error_s=0.05"]
+    sets += ["preflight.override.clock=the test"] * is_overridden
+    result, folder = fly_run(sets=tuple(sets))
+    assert all_landed(folder)
+    if is_overridden:
+        assert result.verdict == "PASS"
+        return
+    assert result.verdict == "INVALID"
+    assert " is known to 0.110 s only, for 3 s from 15.1 s on" in result.reason
