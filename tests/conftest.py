@@ -262,7 +262,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     long: list[pytest.Item] = []
     others: list[pytest.Item] = []
     for item in items:
-        path = item.path.relative_to(ROOT)
+        path = _place(item.path)
         if not _is_among(path, FAST):
             item.add_marker(pytest.mark.slow)
         if _is_among(path, FLIGHTS):
@@ -299,7 +299,7 @@ def pytest_runtest_protocol(item: pytest.Item) -> Generator[None, object, object
     serves whoever is nicer last, so that searches and flights in virtual time fill what flights on
     the wall clock leave idle.
     """
-    path = item.path.relative_to(ROOT) if item.path.is_relative_to(ROOT) else item.path
+    path = _place(item.path)
     flies = _is_among(path, FLIGHTS) and _needs_turn(item)
     if _workers() > 1:
         if not (flies or _is_among(path, WALL) or _takes_own_turn(item)):
@@ -381,8 +381,7 @@ def _workers() -> int:
 
 
 def _flies_in_turn(item: pytest.Item) -> bool:
-    in_tests = item.path.is_relative_to(ROOT)
-    return in_tests and flies_in_turn(item.path.relative_to(ROOT).as_posix(), item.name)
+    return flies_in_turn(_place(item.path).as_posix(), item.name)
 
 
 def _needs_turn(item: pytest.Item) -> bool:
@@ -391,6 +390,12 @@ def _needs_turn(item: pytest.Item) -> bool:
 
 def _takes_own_turn(item: pytest.Item) -> bool:
     return "turn" in getattr(item, "fixturenames", ())
+
+
+@cache
+def _place(path: Path) -> Path:
+    """Return a file's place beneath tests, or its path where it stands elsewhere."""
+    return path.relative_to(ROOT) if path.is_relative_to(ROOT) else path
 
 
 @cache

@@ -3,6 +3,7 @@
 import ast
 import re
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -48,9 +49,14 @@ def patterns() -> Iterator[str]:
                         yield "".join(texts)
 
 
+@cache
+def used_in_code() -> re.Pattern[str]:
+    return re.compile("|".join(sorted(set(patterns()))))
+
+
 @pytest.mark.parametrize("autopilot", AUTOPILOTS)
 def test_the_file_of_parameters_marks_those_that_no_code_names(autopilot: str) -> None:
-    used = re.compile("|".join(sorted(set(patterns()))))
+    used = used_in_code()
     unnamed = {name for name in known_parameters(autopilot) if not used.fullmatch(name)}
     assert set(unused_parameters(autopilot)) == unnamed
 

@@ -16,6 +16,8 @@ _DECISION = _ROOT / "docs" / "decisions" / "0044-children-without-a-loop.md"
 def raw_children(source: str) -> list[ast.Call]:
     """Return the calls in a source that start a child and do not wait for its end."""
     names = {"Popen", "create_subprocess_exec", "create_subprocess_shell"}
+    if not any(name in source for name in names):
+        return []
     calls = [node for node in ast.walk(ast.parse(source)) if isinstance(node, ast.Call)]
     return [call for call in calls if ast.unparse(call.func).rpartition(".")[2] in names]
 
