@@ -4,6 +4,7 @@ import os
 import re
 import shlex
 import subprocess
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -17,11 +18,19 @@ from wil_campaign.campaigns.setup.vehicle_setups import EMBEDDED_BODY
 from wil_campaign.orchestrator.cli import main
 from wil_campaign.orchestrator.installation import program_text
 from wil_campaign.plugins.start import init_command
+from wil_campaign.plugins.start.schema_command import schema_texts
 from wil_campaign.vehicles.embedded.physics.airframe import Airframe
 from wil_campaign.vehicles.embedded.profile import AirframeNumbers, Profile, load_profile
 
 VEHICLE_WIDTH_M = 0.3
 Capture = pytest.CaptureFixture[str]
+once = cache(schema_texts)
+
+
+@pytest.fixture(autouse=True)
+def schemas_made_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Write the same schemas each time: they take most of the time of an `init`."""
+    monkeypatch.setattr(init_command, "schema_texts", once)
 
 
 def test_init_writes_a_profile_with_every_key_its_unit_and_its_default(tmp_path: Path) -> None:
