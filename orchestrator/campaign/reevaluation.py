@@ -81,8 +81,7 @@ def judge_campaign_again(campaign: Campaign, folder: Path) -> Judgement:
     when a run cannot be shown to have flown in the world that its files describe now.
     """
     campaign = _as_settled(campaign, _document(folder / "campaign.json"))
-    begun = [plan for plan in campaign.plans if (folder / plan.name).is_dir()]
-    recorded = [plan for plan in begun if (folder / plan.name / "result.json").exists()]
+    recorded = [plan for plan in campaign.plans if (folder / plan.name / "result.json").exists()]
     if not recorded:
         first = campaign.plans[0].name
         raise RecordingError(f"{folder} has no run of this campaign, such as {first}")
@@ -96,8 +95,9 @@ def judge_campaign_again(campaign: Campaign, folder: Path) -> Judgement:
     now_by_name = {name: each.now for name, each in by_name.items()}
     due = runs_due(campaign.plans, campaign.test, now_by_name)
     absent = [plan for plan in due if plan.name not in by_name]
-    surplus = [name for name in by_name if name not in {plan.name for plan in due}]
-    lost = [plan.name for plan in absent if plan in begun]
+    due_names = {plan.name for plan in due}
+    surplus = [name for name in by_name if name not in due_names]
+    lost = [plan.name for plan in absent if (folder / plan.name).is_dir()]
     left = [f"not counted, flown after the decision: {', '.join(surplus)}"] if surplus else []
     left += [f"begun and lost, without a result: {', '.join(lost)}"] if lost else []
     counted = tuple(by_name[plan.name] for plan in due if plan.name in by_name)
