@@ -21,9 +21,12 @@ half a degree of attitude at an oblique surface."""
 AMBIGUOUS_SHARE = 0.5
 """Share of that limit: a real surface nearer than this to a virtual one makes a beam ambiguous, as
 its range would show the virtual object even without mixing."""
-BLIND_WITHIN_M, BLIND_ELEMENTS, BLIND_OF, BLIND_SHARE = 4.0, 20, 0.15, 0.01
-"""A real reading that has a range in no more than the last share of its elements, where at least so
-many, and such a share, have a physical surface nearer than the first: it is a covered sensor's."""
+BLIND_WITHIN_M = 4.0
+"""A sound sensor has a range of a physical surface that is nearer than this."""
+_DUE_ELEMENTS, _DUE_SHARE = 20, 0.15
+"""Where so many elements, and such a share of all, are due to have one, ..."""
+_SEEN_SHARE = 0.01
+"""... a reading with ranges in no more than this share of its elements is a covered sensor's."""
 LEAST_ELEMENTS = 2
 """Least number of beams on an object in view, for a sensor with several."""
 
@@ -88,8 +91,8 @@ def _is_blind(
     is_due = (due_m >= reach_m[0]) & (due_m <= min(reach_m[1], BLIND_WITHIN_M))
     is_due &= (expected.ids != 0) & ~np.isin(expected.ids, not_real)
     due, seen = np.count_nonzero(is_due), np.count_nonzero(np.isfinite(real_m))
-    is_filled = due >= max(BLIND_ELEMENTS, BLIND_OF * real_m.size)
-    return bool(is_filled and seen <= BLIND_SHARE * real_m.size)
+    is_filled = due >= max(_DUE_ELEMENTS, _DUE_SHARE * real_m.size)
+    return bool(is_filled and seen <= _SEEN_SHARE * real_m.size)
 
 
 def _is_shown_through(
