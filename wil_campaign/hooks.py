@@ -30,13 +30,15 @@ class Command:
     name: one word; of a command in a group two, as "bench serve". function: whose parameters and
     docstring are the options and the help, and which returns the exit code; "" of a group, which
     stands before its commands. summary: its line of `wil-campaign --help`. section: where that line
-    stands, by what a person wants to do.
+    stands, by what a person wants to do. flies: it flies on this machine; what its runs are forked
+    from starts while it is imported.
     """
 
     name: str
     function: str
     summary: str
     section: HelpSection = "look"
+    flies: bool = False
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,7 +12,7 @@ import signal
 import sys
 import threading
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from cyclopts import App, CycloptsError, Group, MissingArgumentError, Parameter
@@ -37,6 +37,7 @@ _COMMANDS = (
         "wil_campaign.orchestrator.cli.commands.run:run",
         "Fly a campaign and write its verdicts.",
         "fly",
+        flies=True,
     ),
     Command(
         "validate",
@@ -103,6 +104,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except SystemExit as error:
         # The parser's, also for Ctrl-C. Any other, as of a plugin, says nothing of what was flown.
         code = error.code
+        if code == INTERRUPTED:
+            write_stderr("interrupted")
         return code if code in (USAGE_ERROR, INTERRUPTED) else _report_failure(error)
     except KeyboardInterrupt:
         write_stderr("interrupted")
@@ -127,6 +130,8 @@ def _call_command(tokens: list[str]) -> int:
     if command is None and tokens[0] in (missing := absent_additions(hooks.commands)):
         write_stderr(missing[tokens[0]])
         return USAGE_ERROR
+    if command is not None and command.flies and not {*app.help_flags} & {*tokens}:
+        _start_run_server()
     _import_module(command)
     code = app(tokens, result_action="return_value")
     return code if isinstance(code, int) else 0
@@ -151,6 +156,17 @@ def _commands_for(tokens: Sequence[str]) -> Mapping[str, Command]:
             raise
         write_stderr(error)
         return own
+
+
+def _start_run_server() -> None:
+    """Start the run server. Where it cannot, the command says so once it has read its input."""
+    from wil_campaign.orchestrator.campaign.workers.run_server import (  # noqa: PLC0415 - one flies
+        start_run_server,
+    )
+    from wil_campaign.safety.guard.process.runtime_folder import RuntimeFolderError  # noqa: PLC0415
+
+    with suppress(RuntimeFolderError, OSError):
+        start_run_server()
 
 
 def _import_module(command: Command | None) -> None:

@@ -26,5 +26,6 @@ def commands() -> tuple[Command, ...]:
             "wil_campaign.plugins.search.search_command:search",
             "Look for variants of a campaign that fail, confirm and reduce them.",
             "fly",
+            flies=True,
         ),
     )

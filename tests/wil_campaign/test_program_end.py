@@ -1,4 +1,4 @@
-"""The end of the program: quick, and with the exit handlers of everybody."""
+"""The beginning and the end of the program: quick, and with the exit handlers of everybody."""
 
 import subprocess
 import sys
@@ -22,6 +22,40 @@ code = run_program()
 atexit.register(print, "handler of after")
 sys.exit(code)
 """
+STARTING = """\
+import sys
+from wil_campaign.orchestrator.campaign.workers import run_server
+from wil_campaign.orchestrator.cli import main
+
+def start():
+    print("started", any(name.endswith(("commands.run", "search_command")) for name in sys.modules))
+
+run_server.start_run_server = start
+main(sys.argv[1:])
+"""
+
+
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        ("run nowhere.yaml", ["started False", "started True"]),
+        ("search nowhere.yaml", ["started False", "started True"]),
+        ("run nowhere.yaml --help", []),
+        ("validate nowhere.yaml", []),
+    ],
+)
+def test_the_run_server_starts_before_a_command_that_flies_is_imported(
+    line: str, said: list[str], tmp_path: Path
+) -> None:
+    """Both take a second. The command itself starts it as well, and says why it cannot."""
+    done = subprocess.run(  # noqa: S603 - our own program
+        [sys.executable, "-c", STARTING, *line.split()],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert [text for text in done.stdout.splitlines() if text.startswith("started")] == said
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,7 @@ import stat
 import tempfile
 import threading
 from collections.abc import Iterator
-from multiprocessing import connection, forkserver, util
+from multiprocessing import connection, forkserver, resource_tracker, util
 from multiprocessing.context import ForkServerContext
 from pathlib import Path
 from typing import Any
@@ -48,12 +48,36 @@ def start_run_server() -> None:
         _shorten_socket_paths()
         before = os.environ.get(_SAFE_PATH)
         os.environ[_SAFE_PATH] = "1"
+        resource_tracker.ensure_running()  # else it is started below, and unblocks Ctrl-C
+        # While the server imports, Ctrl-C would print a traceback; see forget_interrupts.
+        mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         try:
             forkserver.ensure_running()
+            atexit.unregister(_end_importing_server)
+            atexit.register(_end_importing_server, os.getpid())
         finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, mask)
             del os.environ[_SAFE_PATH]
             if before is not None:
                 os.environ[_SAFE_PATH] = before
+
+
+def _end_importing_server(program: int) -> None:
+    """End a server that still imports: what reads the program's output would wait for it.
+
+    Later it ignores the signal, and ends with its program. program: the process that started it.
+    """
+    server: Any = getattr(forkserver, "_forkserver")  # noqa: B009 - private
+    if os.getpid() == program and server._forkserver_pid is not None:  # noqa: SLF001
+        with contextlib.suppress(OSError):
+            os.kill(server._forkserver_pid, signal.SIGTERM)  # noqa: SLF001
+
+
+def forget_interrupts() -> None:
+    """Have this process, the run server, drop each Ctrl-C so far, and take later ones."""
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
+    signal.signal(signal.SIGINT, before)
 
 
 def running_context() -> ForkServerContext | None:

@@ -21,6 +21,7 @@ from wil_campaign.installed_plugins import loaded_additions
 from wil_campaign.orchestrator.campaign.workers import run_order
 from wil_campaign.orchestrator.campaign.workers.run_server import (
     IGNORED_SIGNALS,
+    forget_interrupts,
     remove_listeners_at_exit,
 )
 from wil_campaign.orchestrator.recording import run_video, video
@@ -42,3 +43,4 @@ with suppress(BadInput):  # a plugin that cannot be used is a fault of the runs 
     loaded_additions(live_views, "feed")
 gc.freeze()
 gc.enable()
+forget_interrupts()  # the server ignores them from here on

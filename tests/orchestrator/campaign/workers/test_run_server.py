@@ -84,6 +84,17 @@ BaseModel.model_rebuild = classmethod(refuse)
 pickle.loads(Path(sys.argv[1]).read_bytes()).setup()
 print([name for name in set(sys.modules) - there if name.startswith("wil_campaign.")])
 """
+_IMPORTING = """
+import os, signal, sys
+from wil_campaign.orchestrator.campaign.workers import run_server
+if __name__ == "__main__":
+    run_server._PRELOADED = sys.argv[1]
+    run_server.start_run_server()
+    if sys.argv[1] == "interrupted":
+        run = run_server.run_context().Process(target=signal.raise_signal, args=(signal.SIGINT,))
+        run.start()
+        run.join()
+"""
 _BROKEN = """
 from wil_campaign.hooks import implements
 
@@ -148,6 +159,49 @@ def test_runs_are_flown_after_the_folder_of_the_run_servers_socket_has_gone(
     )
     assert (ended.returncode, ended.stderr) == (0, b"")
     assert all((tmp_path / name).is_dir() for name in ("first", "second", "third", "fourth"))
+
+
+def _end_of_program(tmp_path: Path, imports: str, preloaded: str) -> tuple[int, str]:
+    """Return the exit code and the output of a program whose run server imports `imports`.
+
+    It ends once no process has its output open.
+    """
+    program = tmp_path / "program.py"
+    program.write_text(_IMPORTING)
+    (tmp_path / f"{preloaded}.py").write_text(imports)
+    ended = subprocess.run(  # noqa: S603 - our own program
+        [sys.executable, program, preloaded],
+        env={**os.environ, "PYTHONPATH": f"{_ROOT}:{tmp_path}"},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        timeout=_WITHIN_S,
+        check=False,
+    )
+    return ended.returncode, ended.stdout
+
+
+def test_what_reads_the_output_of_a_program_does_not_wait_for_imports_of_its_run_server(
+    tmp_path: Path,
+) -> None:
+    """`wil-campaign run absent.yaml | less`: it has said all that there is."""
+    imports = f"import time\ntime.sleep({2 * _WITHIN_S})"
+    assert _end_of_program(tmp_path, imports, "importing") == (0, "")
+
+
+def test_ctrl_c_while_the_run_server_imports_prints_no_traceback(tmp_path: Path) -> None:
+    """Processes that are forked later take it as any program does."""
+    imports = """
+import os, signal
+os.kill(os.getpid(), signal.SIGINT)
+from wil_campaign.orchestrator.campaign.workers.run_server import forget_interrupts
+forget_interrupts()
+print("imported", flush=True)
+"""
+    code, output = _end_of_program(tmp_path, imports, "interrupted")
+    assert code == 0
+    assert output.startswith("imported\n")
+    assert output.count("Traceback") == output.count("\nKeyboardInterrupt") == 1  # of the run
 
 
 def test_a_file_of_the_user_is_not_imported_in_place_of_a_module(tmp_path: Path) -> None:

@@ -251,7 +251,8 @@ def test_an_interrupt_is_130(cli: Cli, monkeypatch: pytest.MonkeyPatch) -> None:
         raise KeyboardInterrupt
 
     monkeypatch.setattr("wil_campaign.plugins.statistics.plan_command.load_campaign", interrupt)
-    assert cli("plan", "x.yaml").code == 130
+    got = cli("plan", "x.yaml")
+    assert (got.code, got.err) == (130, "interrupted\n")
 
 
 def test_help_imports_nothing_heavy_and_a_command_not_what_the_run_server_has() -> None:
