@@ -17,9 +17,13 @@ def run_program() -> int:
     codes: list[int] = []
     if not _has_exit_handlers():
         atexit.register(_end_process, codes)  # the first that is registered is called last
-    from wil_campaign.orchestrator.cli import main  # noqa: PLC0415 - as above
-
-    codes.append(main())
+    try:
+        from wil_campaign.orchestrator.cli import main  # noqa: PLC0415 - as above
+    except KeyboardInterrupt:  # later `main` handles it
+        sys.stderr.write("interrupted\n")
+        codes.append(130)
+    else:
+        codes.append(main())
     return codes[0]
 
 

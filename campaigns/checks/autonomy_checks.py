@@ -23,6 +23,7 @@ from wil_campaign.campaigns.setup.autonomy_under_test import UnderTest
 from wil_campaign.campaigns.values.references import BadReferenceError
 from wil_campaign.foundation.files.documents import Document, Path, Problem, closest_word
 from wil_campaign.foundation.files.user_modules import keep_user_files, user_files
+from wil_campaign.foundation.processes.interrupts import ctrl_c_blocked
 from wil_campaign.foundation.processes.linux import processor_wait_s
 from wil_campaign.foundation.processes.process_memory import limited_allocation
 
@@ -226,7 +227,8 @@ def _answer_of_child(
     ours, theirs = context.Pipe(duplex=False)
     child = context.Process(target=_report, args=(theirs, under_test), name="autonomy check")
     is_fork = isinstance(context, ForkContext)
-    with _garbage_kept(), contextlib.nullcontext() if is_fork else _main_hidden():
+    hidden = contextlib.nullcontext() if is_fork else _main_hidden()
+    with _garbage_kept(), hidden, ctrl_c_blocked():
         child.start()
     theirs.close()
     try:

@@ -4,21 +4,19 @@ import base64
 import multiprocessing
 import time
 from collections.abc import Iterable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 from wil_campaign import hooks
 from wil_campaign.foundation.files.document_writer import write_atomically
 from wil_campaign.foundation.processes.linux import usable_cores
+from wil_campaign.foundation.processes.parallel_calls import Call, call_in_processes
 from wil_campaign.hooks import ReportSection, RunSection, Section
 from wil_campaign.installed_plugins import load_plugin_object, needed_plugin_text, plugin_additions
-from wil_campaign.orchestrator.campaign.workers.run_server import (
-    end_with_program,
-    running_context,
-)
+from wil_campaign.orchestrator.campaign.workers.run_server import running_context
 from wil_campaign.orchestrator.reading.model import CampaignDocuments, RunEntry
 from wil_campaign.orchestrator.reading.results_folder import read_campaign_documents
 from wil_campaign.orchestrator.recording.timestamps import utc_text
@@ -135,18 +133,14 @@ def _pages_and_sections(
     if len(orders) > (_ALONE if server is None else _ALONE_BESIDE_SERVER) and workers > 1:
         # Spawned, not forked from here: earlier flights may have left threads.
         context = server or multiprocessing.get_context("spawn")
-        # Workers fail if the main module cannot be imported again, or for lack of memory; there is
-        # no pool without a writable /dev/shm.
-        with (
-            suppress(BrokenProcessPool, OSError),
-            ProcessPoolExecutor(workers, mp_context=context, initializer=end_with_program) as pool,
-        ):
-            sections = [
-                pool.submit(_section, report_section, folder, documents)
-                for report_section in wanted
-            ]
-            pages = list(pool.map(_page, orders, chunksize=2))
-            return pages, [section.result() for section in sections]
+        calls: list[Call[Any]] = [
+            *((_section, (each, folder, documents)) for each in wanted),
+            *((_page, (order,)) for order in orders),
+        ]
+        # Workers also fail if the main module cannot be imported again.
+        with suppress(BrokenProcessPool, OSError):
+            found = call_in_processes(calls, workers, context)
+            return found[len(wanted) :], found[: len(wanted)]
     return list(map(_page, orders)), [
         _section(report_section, folder, documents) for report_section in wanted
     ]

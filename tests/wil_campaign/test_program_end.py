@@ -79,3 +79,24 @@ def test_all_exit_handlers_are_called_and_the_code_is_kept(
     assert done.returncode == 2, done.stderr
     assert "nowhere.yaml" in done.stderr
     assert done.stdout.splitlines() == said
+
+
+INTERRUPTED = """\
+import sys
+from wil_campaign.__main__ import run_program
+
+class Interrupting:
+    def find_spec(self, name, path=None, target=None):
+        if name == "wil_campaign.orchestrator.cli":
+            raise KeyboardInterrupt
+
+sys.meta_path.insert(0, Interrupting())
+sys.exit(run_program())
+"""
+
+
+def test_ctrl_c_while_the_program_is_imported_is_one_word() -> None:
+    done = subprocess.run(  # noqa: S603 - our own program
+        [sys.executable, "-c", INTERRUPTED], capture_output=True, text=True, check=False
+    )
+    assert (done.returncode, done.stdout, done.stderr) == (130, "", "interrupted\n")

@@ -102,7 +102,6 @@ def _work(
 ) -> None:
     """Fly an order in a worker process, and end when the parent closes the pipe."""
     _adopt(environment, sent)
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
     for number in (signal.SIGTERM, signal.SIGHUP):
         # `timeout`, a service manager and a closing terminal send these to the whole group; the
         # parent decides what to do. A handler, because children would inherit an ignored signal.

@@ -14,11 +14,12 @@ import stat
 import tempfile
 import threading
 from collections.abc import Iterator
-from multiprocessing import connection, forkserver, resource_tracker, util
+from multiprocessing import forkserver, util
 from multiprocessing.context import ForkServerContext
 from pathlib import Path
 from typing import Any
 
+from wil_campaign.foundation.processes.interrupts import ctrl_c_blocked
 from wil_campaign.safety.guard.process.runtime_folder import open_runtime_folder
 
 _PRELOADED = "wil_campaign.orchestrator.campaign.workers.run_server_imports"
@@ -48,15 +49,12 @@ def start_run_server() -> None:
         _shorten_socket_paths()
         before = os.environ.get(_SAFE_PATH)
         os.environ[_SAFE_PATH] = "1"
-        resource_tracker.ensure_running()  # else it is started below, and unblocks Ctrl-C
-        # While the server imports, Ctrl-C would print a traceback; see forget_interrupts.
-        mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         try:
-            forkserver.ensure_running()
+            with ctrl_c_blocked():
+                forkserver.ensure_running()
             atexit.unregister(_end_importing_server)
             atexit.register(_end_importing_server, os.getpid())
         finally:
-            signal.pthread_sigmask(signal.SIG_SETMASK, mask)
             del os.environ[_SAFE_PATH]
             if before is not None:
                 os.environ[_SAFE_PATH] = before
@@ -73,13 +71,6 @@ def _end_importing_server(program: int) -> None:
             os.kill(server._forkserver_pid, signal.SIGTERM)  # noqa: SLF001
 
 
-def forget_interrupts() -> None:
-    """Have this process, the run server, drop each Ctrl-C so far, and take later ones."""
-    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
-    signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
-    signal.signal(signal.SIGINT, before)
-
-
 def running_context() -> ForkServerContext | None:
     """Return the context of the run server where this program has one, started anew if lost."""
     server: Any = getattr(forkserver, "_forkserver")  # noqa: B009 - private
@@ -90,22 +81,6 @@ def running_context() -> ForkServerContext | None:
     except OSError:
         return None
     return run_context()
-
-
-def end_with_program() -> None:
-    """Have signals, and the end of the program that it works for, end this process of a pool.
-
-    It was forked from the run server, which ignores signals, and waits for work that the program
-    no longer gives once it is killed.
-    """
-    for number in IGNORED_SIGNALS:
-        signal.signal(number, signal.SIG_DFL)
-    program = mp.parent_process()
-    if program is not None:
-        ended = program.sentinel
-        threading.Thread(
-            target=lambda: connection.wait([ended]) and os._exit(1), daemon=True
-        ).start()
 
 
 def _forget_lost_server() -> None:

@@ -10,7 +10,10 @@ import gc
 import signal
 from contextlib import suppress
 
+from wil_campaign.foundation.processes.interrupts import ignore_ctrl_c
+
 gc.disable()  # imported objects stay
+ignore_ctrl_c()  # and so do the runs: the campaign's process says what becomes of them
 
 import cv2
 
@@ -21,7 +24,6 @@ from wil_campaign.installed_plugins import loaded_additions
 from wil_campaign.orchestrator.campaign.workers import run_order
 from wil_campaign.orchestrator.campaign.workers.run_server import (
     IGNORED_SIGNALS,
-    forget_interrupts,
     remove_listeners_at_exit,
 )
 from wil_campaign.orchestrator.recording import run_video, video
@@ -43,4 +45,3 @@ with suppress(BadInput):  # a plugin that cannot be used is a fault of the runs 
     loaded_additions(live_views, "feed")
 gc.freeze()
 gc.enable()
-forget_interrupts()  # the server ignores them from here on

@@ -5,6 +5,7 @@ from typing import Any
 
 import pytest
 
+from wil_campaign.foundation.processes import parallel_calls
 from wil_campaign.orchestrator.report import campaign_report
 
 
@@ -14,7 +15,7 @@ def test_a_report_needs_no_shared_memory(monkeypatch: pytest.MonkeyPatch) -> Non
     def refuse(*_: object, **__: object) -> None:
         raise OSError(30, "Read-only file system")
 
-    monkeypatch.setattr(campaign_report, "ProcessPoolExecutor", refuse)
+    monkeypatch.setattr(parallel_calls, "ProcessPoolExecutor", refuse)
     monkeypatch.setattr(campaign_report, "plugin_additions", lambda _: {})
     monkeypatch.setattr(campaign_report, "_page", str)
     orders: list[Any] = list(range(100))
