@@ -47,8 +47,13 @@ class Guard(ABC):
         """Have the guard execute a command."""
 
     def on_event(self, listener: Callable[[GuardEvent], None]) -> None:
-        """Register a listener for every event of the guard, called from the event loop."""
+        """Register a listener for every event of the guard, called from the event loop.
+
+        Now with those so far: an operator may abort while a run's vehicles and autonomies start.
+        """
         self._listeners.append(listener)
+        for event in tuple(self.events):
+            _tell(listener, event)
 
     async def all_down(self, timeout_s: float) -> bool:
         """Wait until the guard brought all down; False when not within `timeout_s`."""
@@ -69,8 +74,12 @@ class Guard(ABC):
     def _report(self, event: GuardEvent) -> None:
         self.events.append(event)
         for listener in self._listeners:
-            with SuppressedErrors(f"a listener to the guard ({event.kind})"):
-                listener(event)
+            _tell(listener, event)
+
+
+def _tell(listener: Callable[[GuardEvent], None], event: GuardEvent) -> None:
+    with SuppressedErrors(f"a listener to the guard ({event.kind})"):
+        listener(event)
 
 
 async def _is_set(event: asyncio.Event, within_s: float) -> bool:

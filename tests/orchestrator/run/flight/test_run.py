@@ -28,6 +28,7 @@ from wil_campaign.orchestrator.run_results.run_result import RunResult
 from wil_campaign.orchestrator.state import run_log
 from wil_campaign.orchestrator.state.run_state import RunState, Stage
 from wil_campaign.plugins.console.feed.feed_messages import EventView, ImageView, RunView
+from wil_campaign.safety.guard.core.commands import OperatorAction
 from wil_campaign.safety.guard.core.operator_command import OperatorCommand
 from wil_campaign.vehicles.autonomy import Command, Telemetry
 from wil_campaign.vehicles.readings import Reading
@@ -238,6 +239,19 @@ def test_the_operators_abort_lands_both(fly_run: Fly) -> None:
     assert (line["who"], line["reason"]) == ("tester", "enough seen")
     entered_s = {line.get("stage", line["event"]): line["t_s"] for line in log_of(folder)}
     assert entered_s["images_ended"] == pytest.approx(entered_s["land"] + 2.5, abs=1e-3)
+
+
+def test_an_abort_while_vehicles_and_autonomies_start_ends_the_run_before_it_arms(
+    fly_run: Fly,
+) -> None:
+    """The guard takes it by its own socket, before the run has anything that hears it."""
+
+    def disturb(pair: VehiclePair, _: RunState) -> None:
+        pair.guard.send(OperatorAction(OperatorCommand("abort", "tester", "enough seen")))
+
+    result, folder = fly_run(sets=BRIEF, disturb=disturb)
+    assert (result.verdict, result.reason) == ("ABORTED", "aborted by tester")
+    assert {line.get("stage") for line in log_of(folder)}.isdisjoint({"arm", "ready"})
 
 
 def test_a_fence_that_is_left_brings_both_down_and_fails(fly_run: Fly) -> None:
