@@ -8,7 +8,7 @@ from typing import Literal
 
 from wil_campaign.orchestrator.run_results.result_parts import DropOut
 from wil_campaign.orchestrator.state.faults import FaultLog, InternalFault, InternalFaults
-from wil_campaign.safety.model.verdict import DecisiveEvent, DecisiveKind
+from wil_campaign.safety.model.verdict import EXCEPTION, DecisiveEvent, DecisiveKind
 
 Stage = Literal[
     "start",
@@ -168,7 +168,7 @@ class RunState:
     def _decide_fault(self, fault: InternalFault) -> None:
         self._deciding_faults += 1
         try:
-            self.decide("ERROR", fault.text, source="exception")
+            self.decide("ERROR", fault.text, source=EXCEPTION)
         finally:
             self._deciding_faults -= 1
 

@@ -12,6 +12,10 @@ from wil_campaign.worlds.figures import distinct_value_text
 GOAL_TIMEOUT = "goal"
 """The source of the event that the autonomy was not done within the time of its goal."""
 
+EXCEPTION = "exception"
+"""The source of the event that an internal exception is. One that comes at the time of what was
+decided before it is no cause of that: whoever hears of a decision may raise."""
+
 NEVER_BEGAN = "faults"
 """The source of the event that an injected fault never began: any other event counts before it."""
 
@@ -25,6 +29,8 @@ _LOSS_S = 4.0
 """A guard reports a vehicle as lost 3 s after its last heartbeat, which comes once a second."""
 
 DecisiveKind = Literal["ERROR", "INVALID", "FAIL", "ABORTED"]
+
+_Rank = tuple[float, bool, int]
 
 _ORDER: dict[DecisiveKind, int] = {"ERROR": 0, "INVALID": 1, "FAIL": 2, "ABORTED": 3}
 """Which of several decisive events of the same time decides the verdict."""
@@ -104,7 +110,13 @@ def decide_verdict(
         if oracle_result.at_s is None
     } - reported
     losses = {event.source: event.t_s for event in known if event.source.startswith("guard.lost/")}
-    ordered = sorted(known, key=lambda event: _rank(event, event.source in at_end, losses))
+    ranks: list[_Rank] = []
+    for event in known:
+        rank = _rank(event, event.source in at_end, losses)
+        if event.source == EXCEPTION:
+            rank = max([rank, *(before for before in ranks if before[0] == rank[0])])
+        ranks.append(rank)
+    ordered = [known[index] for index in sorted(range(len(known)), key=ranks.__getitem__)]
     at_s = ordered[0].t_s
     if ordered[0].source in timeouts and (cause := _first_unreached(failed, timeouts)):
         time_is_up = ordered[0].text
@@ -135,9 +147,7 @@ def _first_unreached(failed: Iterable[OracleResult], timeouts: Collection[str]) 
     return next((source for source in sources if source not in timeouts), None)
 
 
-def _rank(
-    event: DecisiveEvent, is_of_the_end: bool, losses: Mapping[str, float]
-) -> tuple[float, bool, int]:
+def _rank(event: DecisiveEvent, is_of_the_end: bool, losses: Mapping[str, float]) -> _Rank:
     """Return the rank of a decisive event for the verdict: time, end, kind.
 
     losses: when each lost vehicle was reported as lost, by the source of that event.

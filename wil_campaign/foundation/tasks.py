@@ -128,12 +128,16 @@ def report_task_error(error: BaseException, where: str) -> None:
 
 
 class SuppressedErrors:
-    """Reports exceptions raised within it and suppresses them; a context manager."""
+    """Reports exceptions raised within it and suppresses them; a context manager.
 
-    __slots__ = ("_where",)
+    later: once what runs now has ended, so that what it decides comes first.
+    """
 
-    def __init__(self, where: str) -> None:
+    __slots__ = ("_is_later", "_where")
+
+    def __init__(self, where: str, *, later: bool = False) -> None:
         self._where = where
+        self._is_later = later
 
     def __enter__(self) -> None:
         """Start to contain exceptions."""
@@ -147,7 +151,10 @@ class SuppressedErrors:
         """Report an exception of FAULTS to the loop's handler."""
         if not isinstance(error, FAULTS):
             return False
-        report_task_error(error, self._where)
+        if self._is_later:
+            asyncio.get_running_loop().call_soon(report_task_error, error, self._where)
+        else:
+            report_task_error(error, self._where)
         return True
 
 

@@ -9,7 +9,7 @@ from wil_campaign.orchestrator.campaign.workers.run_workers import WorkerLost
 from wil_campaign.orchestrator.run_results.attempts import failed_too_text
 from wil_campaign.orchestrator.run_results.run_result import RunResult, result_without_parts
 from wil_campaign.orchestrator.state.run_log import read_cut_log
-from wil_campaign.safety.model.verdict import DecisiveEvent, decide_verdict
+from wil_campaign.safety.model.verdict import EXCEPTION, DecisiveEvent, decide_verdict
 
 _AFTER_LOG_S = 0.001
 """What decided at the last time of the log came before the loss."""
@@ -83,9 +83,7 @@ def lost_result(plan: RunPlan, lost: WorkerLost, folder: Path) -> RunResult:
     if flew and not is_subject and not no_retry:
         no_retry = "its process ended after the goal was given, with the autonomy in it"
     faults = [
-        decisive_event.text
-        for decisive_event in log.decisive
-        if decisive_event.source == "exception"
+        decisive_event.text for decisive_event in log.decisive if decisive_event.source == EXCEPTION
     ]
     exceptions = (*faults, lost.fault.text) if lost.details else tuple(faults)
     return result_without_parts(

@@ -4,7 +4,12 @@ import asyncio
 from collections.abc import Callable, Coroutine
 from typing import Any
 
-from wil_campaign.foundation.tasks import finish_in_task, open_task_group, stop_tasks
+from wil_campaign.foundation.tasks import (
+    SuppressedErrors,
+    finish_in_task,
+    open_task_group,
+    stop_tasks,
+)
 from wil_campaign.orchestrator.run.flight.run_parts import FlightParts
 from wil_campaign.orchestrator.run.perception.autonomy_calls import AutonomyFault
 from wil_campaign.orchestrator.run.stages.pair_flight import fly_together
@@ -18,6 +23,7 @@ from wil_campaign.safety.guard.core.events import GuardEvent, decisive_guard_eve
 from wil_campaign.vehicles.driver.vehicle_state import StatusText
 from wil_campaign.vehicles.errors import VehicleError
 
+_LISTENER = SuppressedErrors("a listener to the guard's events", later=True)
 _LANDINGS = 3
 """How often a landing is started when an internal exception interrupts it."""
 EXPECTED = (VehicleError, FlightError, StepError, AutonomyFault)
@@ -162,12 +168,18 @@ async def _fly_pair_stages(run: FlightParts) -> None:
 
 
 def _receive_guard_event(run: FlightParts, event: GuardEvent) -> None:
-    """Record a guard event in the run, and decide the run by it if it is decisive."""
-    run.recorder.guard_event(event)
-    run.operator_hold.receive(event)
-    run.reporter.guard(event)
-    for feed in run.feeds:
-        feed.guard(event)
+    """Record a guard event in the run, and decide the run by it if it is decisive.
+
+    One that raises, such as a plugin's live feed, keeps it from neither the others nor the run.
+    """
+    for listener in (
+        run.recorder.guard_event,
+        run.operator_hold.receive,
+        run.reporter.guard,
+        *(feed.guard for feed in run.feeds),
+    ):
+        with _LISTENER:
+            listener(event)
     if event.kind == "alone":
         _drop_out(run, event)
     settled = decisive_guard_event(event)

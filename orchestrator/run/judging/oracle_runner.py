@@ -11,6 +11,7 @@ from functools import partial
 from typing import TypeVar, cast, get_args
 
 from wil_campaign.foundation.clocks.sleeping import sleep_until
+from wil_campaign.foundation.tasks import SuppressedErrors
 from wil_campaign.orchestrator.run_results.result_parts import DropOut
 from wil_campaign.orchestrator.run_results.run_result import FenceChange
 from wil_campaign.orchestrator.state.run_state import RunState, Stage
@@ -71,6 +72,7 @@ class JudgedTimes:
 
 TICK_HZ = 10.0
 _JUDGED_STAGES: frozenset[str] = frozenset(get_args(JudgedStage))
+_WATCHER = SuppressedErrors("a watcher of an oracle's flags", later=True)
 _CLEARANCE_KINDS = frozenset({"collision", "clearance"})
 
 S = TypeVar("S", bound=LoggedSample)
@@ -103,7 +105,7 @@ class OracleRunner:
         self._contexts: list[VehicleContext] = []
         self._judged_times: defaultdict[str, JudgedTimes] = defaultdict(JudgedTimes)
         self._reported_s: dict[tuple[str, str], float] = {}
-        self._events_passed_on = 0
+        self._flags_passed_on = self._events_passed_on = 0
         self.fence_changes: list[FenceChange] = []
         self.changed_fences: dict[str, Fence] = {}
         run_state.on_stage(self._stage)
@@ -133,8 +135,7 @@ class OracleRunner:
             for context in self._contexts:
                 self._state(context, loop.time())
             tick = ClockTick(loop.time())
-            self._log_sample(tick)
-            self._pass_on_flags(self._judge.tick(tick.t_s))
+            self._feed(tick, lambda tick: self._judge.tick(tick.t_s))
 
     def clearance_m(self, t_s: float) -> float | None:
         """Return the least clearance so far of any collision or clearance oracle, or None."""
@@ -246,14 +247,20 @@ class OracleRunner:
         self._feed(DropOutSample(left.at_s, vehicle), self._judge.drop_out)
 
     def _feed(self, sample: S, judge: Callable[[S], tuple[Flag, ...] | None]) -> None:
-        """Log a sample, judge it, and pass on its flags and the new decisive events."""
+        """Log a sample, judge it, and pass on what it decides, also where an oracle raised."""
         self._log_sample(sample)
-        self._pass_on_flags(judge(sample) or ())
+        try:
+            judge(sample)
+        finally:
+            self._pass_on_flags()
 
-    def _pass_on_flags(self, flags: tuple[Flag, ...]) -> None:
-        for flag in flags:
+    def _pass_on_flags(self) -> None:
+        """Pass on the new flags and decisive events of the judge."""
+        for flag in self._judge.flags[self._flags_passed_on :]:
+            self._flags_passed_on += 1
             for watcher in self._flag_watchers:
-                watcher(flag)
+                with _WATCHER:
+                    watcher(flag)
         for event in self._judge.decisive[self._events_passed_on :]:
             self._events_passed_on += 1
             self._run_state.decide(

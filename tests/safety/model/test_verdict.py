@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 
 from wil_campaign.safety.model.oracle_results import OracleResult
 from wil_campaign.safety.model.verdict import (
+    EXCEPTION,
     NEVER_BEGAN,
     DecisiveEvent,
     DecisiveKind,
@@ -147,3 +148,15 @@ def test_a_value_beside_its_limit_has_the_digits_that_tell_them_apart() -> None:
     result = OracleResult("distance", "real", True, "FAIL", 0.5999, 0.6, "m", -0.0001, 3.0)
     decision = decide_verdict((), [result], end_s=9.0)
     assert decision.reason == "distance of real failed: 0.5999 m against 0.6 m"
+
+
+def test_an_exception_hides_nothing_that_was_decided_before_it_at_its_time() -> None:
+    """Who hears of what decided the run may raise: that is no cause of it."""
+    raised = DecisiveEvent(3.0, "ERROR", "a listener raised", EXCEPTION)
+    for kind in KINDS:
+        decided = DecisiveEvent(3.0, kind, "left the fence", "guard.breach/real")
+        for recorded in ([decided, raised], [decided, raised, raised]):
+            assert decide_verdict(recorded, [], end_s=9).reason == "left the fence"
+        assert decide_verdict([raised, decided], [], end_s=9).reason == "a listener raised"
+    later = DecisiveEvent(3.5, "FAIL", "touched", "collision/real")
+    assert decide_verdict([later, raised], [], end_s=9).verdict == "ERROR"

@@ -27,8 +27,10 @@ from wil_campaign.orchestrator.run.vehicles.pair import VehiclePair
 from wil_campaign.orchestrator.run_results.run_result import RunResult
 from wil_campaign.orchestrator.state import run_log
 from wil_campaign.orchestrator.state.run_state import RunState, Stage
+from wil_campaign.plugins.console.feed.console_feed import ConsoleFeed
 from wil_campaign.plugins.console.feed.feed_messages import EventView, ImageView, RunView
 from wil_campaign.safety.guard.core.commands import OperatorAction
+from wil_campaign.safety.guard.core.events import GuardEvent
 from wil_campaign.safety.guard.core.operator_command import OperatorCommand
 from wil_campaign.vehicles.autonomy import Command, Telemetry
 from wil_campaign.vehicles.readings import Reading
@@ -261,6 +263,37 @@ def test_a_fence_that_is_left_brings_both_down_and_fails(fly_run: Fly) -> None:
     assert result.verdict == "FAIL"
     assert "fence" in result.reason
     assert all_landed(folder)
+
+
+@pytest.mark.parametrize(
+    ("sets", "inbox", "outcome"),
+    [
+        (
+            ("autonomy.with.for_s=6", "geofence.box.north_m=[-0.8, 3.2]"),
+            None,
+            ("FAIL", "twin cannot stop before the fence's north side"),
+        ),
+        (("autonomy.with.for_s=30",), Script(9.0), ("ABORTED", "aborted by tester")),
+    ],
+)
+def test_a_live_feed_that_raises_hides_nothing_that_the_guard_decides(
+    fly_run: Fly,
+    monkeypatch: pytest.MonkeyPatch,
+    sets: tuple[str, ...],
+    inbox: Script | None,
+    outcome: tuple[str, str],
+) -> None:
+    def guard(_: ConsoleFeed, event: GuardEvent) -> None:
+        raise RuntimeError(f"cannot show {event.kind}")
+
+    monkeypatch.setattr(ConsoleFeed, "guard", guard)
+    result, folder = fly_run(mode="sim", sets=(*BRIEF, *sets), inbox=inbox)
+    verdict, cause = outcome
+    assert result.verdict == verdict, result.reason
+    assert cause in result.reason
+    assert all_landed(folder)
+    assert result.exceptions
+    assert all("cannot show" in text for text in result.exceptions)
 
 
 def test_motors_that_stop_in_the_air_of_a_landing_are_no_landing(fly_run: Fly) -> None:
