@@ -27,7 +27,8 @@ edge of the image may look displaced or missing."""
 class ObjectCoverage:
     """The coverage of one object. in_view, shown: frames. offsets: of shown ones, in `unit`.
 
-    displaced, missed: latest frames in a row. displaced_in_all: of all frames in view.
+    displaced, missed: latest frames in a row. missed_s: when these began to be missed.
+    displaced_in_all: of all frames in view.
     """
 
     unit: Unit = "px"
@@ -39,11 +40,23 @@ class ObjectCoverage:
     displaced: int = 0
     displaced_in_all: int = 0
     missed: int = 0
+    missed_s: float = 0.0
 
     @property
     def is_covered(self) -> bool:
         """Return whether enough of the frames with the object in view show it."""
         return self.shown > 0 and self.shown >= _LEAST_SHARE * self.in_view
+
+    def is_lost(self, t_s: float) -> bool:
+        """Return whether the object was shown, and is not any more for long enough.
+
+        One that was shown in few frames may be what another combination shows.
+        """
+        return (
+            self.shown >= _SHARE_FRAMES
+            and self.missed >= _SHARE_FRAMES
+            and t_s - self.missed_s >= _BLIND_S
+        )
 
     @property
     def is_often_displaced(self) -> bool:
@@ -104,6 +117,7 @@ class VisibilityCoverage:
         faults += [
             self._lasting_blindness(),
             self._lost_from_view(frame),
+            self._one_lost_from_view(frame),
             self._without_real_surfaces(frame),
         ]
         return next((fault for fault in faults if fault is not None), None)
@@ -148,6 +162,7 @@ class VisibilityCoverage:
             known.displaced = known.missed = 0
             return None
         known.in_view += 1
+        known.missed_s = known.missed_s if known.missed else t_s
         known.missed = 0 if one.is_shown else known.missed + 1
         known.shown += one.is_shown
         known.last_in_view_s = t_s
@@ -179,11 +194,20 @@ class VisibilityCoverage:
         self._blind_frames += 1
         if self._blind_frames < _SHARE_FRAMES or frame.t_s - self._blind_s < _BLIND_S:
             return None
-        text = (
-            f"does not show {' and '.join(names)} any more from {self._blind_s:.3f} s on, though "
-        )
-        text += f"in view in {self._blind_frames} measured frames in a row"
-        return VisibilityFault(self._blind_s, f"{self._shower} {text}")
+        return self._lost(names, self._blind_s, self._blind_frames)
+
+    def _one_lost_from_view(self, frame: FrameVisibility) -> VisibilityFault | None:
+        """Return the fault that an object is lost while others in view are shown."""
+        for one in frame.objects:
+            known = self.objects[one.name]
+            if known.is_lost(frame.t_s):
+                return self._lost([one.name], known.missed_s, known.missed)
+        return None
+
+    def _lost(self, names: Iterable[str], since_s: float, frames: int) -> VisibilityFault:
+        text = f"does not show {' and '.join(names)} any more from {since_s:.3f} s on, though "
+        text += f"in view in {frames} measured frames in a row"
+        return VisibilityFault(since_s, f"{self._shower} {text}")
 
     def _without_real_surfaces(self, frame: FrameVisibility) -> VisibilityFault | None:
         """Return the fault that the real sensor saw nothing of the real world for long enough."""

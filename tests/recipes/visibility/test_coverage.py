@@ -118,6 +118,23 @@ def test_an_object_that_was_out_of_view_or_shown_between_is_not_lost(is_gone: bo
     assert flown(frames)[1] is None
 
 
+@pytest.mark.parametrize(("shown", "is_fault"), [(25, True), (4, False)])
+def test_an_object_is_lost_also_while_another_one_is_shown(shown: int, is_fault: bool) -> None:
+    """What was shown in a frame or two may have been another object beside it."""
+
+    def frame(k: int) -> FrameVisibility:
+        return FrameVisibility(
+            k / 5,
+            (*seen(k / 5, name="person").objects, *seen(k / 5, shown=k < shown).objects),
+        )
+
+    _, fault = flown([frame(k) for k in range(50)])
+    assert (fault is not None) == is_fault
+    if fault is not None:
+        assert fault.t_s == 5.0
+        assert "does not show gate any more from 5.000 s on" in fault.text
+
+
 def test_what_another_combination_shows_is_not_lost_from_this_one() -> None:
     """Of two cameras one may show the gate, and the other a person who leaves its view."""
 
