@@ -25,8 +25,9 @@ BLIND_WITHIN_M = 4.0
 """A sound sensor has a range of a physical surface that is nearer than this."""
 _DUE_ELEMENTS, _DUE_SHARE = 20, 0.15
 """Where so many elements, and such a share of all, are due to have one, ..."""
-_SEEN_SHARE = 0.01
-"""... a reading with ranges in no more than this share of its elements is a covered sensor's."""
+_SEEN_SHARE, _COVER_M = 0.01, 0.15
+"""... a reading with ranges beyond its cover in no more than this share of its elements is a
+covered sensor's: of some covers nothing comes back, of others centimetres or zeros."""
 LEAST_ELEMENTS = 2
 """Least number of beams on an object in view, for a sensor with several."""
 
@@ -90,7 +91,8 @@ def _is_blind(
     due_m, not_real = expected.ranges_m, list(virtual.everything().names)
     is_due = (due_m >= reach_m[0]) & (due_m <= min(reach_m[1], BLIND_WITHIN_M))
     is_due &= (expected.ids != 0) & ~np.isin(expected.ids, not_real)
-    due, seen = np.count_nonzero(is_due), np.count_nonzero(np.isfinite(real_m))
+    is_seen = np.isfinite(real_m) & (real_m > _COVER_M)
+    due, seen = np.count_nonzero(is_due), np.count_nonzero(is_seen)
     is_filled = due >= max(_DUE_ELEMENTS, _DUE_SHARE * real_m.size)
     return bool(is_filled and seen <= _SEEN_SHARE * real_m.size)
 

@@ -178,6 +178,8 @@ def test_a_single_beam_shows_an_unexpected_object(nearest_m: float, is_unexpecte
     ("truly_m", "floor_m", "beams", "is_blind"),
     [
         (np.inf, 2.0, 60, True),
+        (0.0, 2.0, 60, True),
+        (0.12, 2.0, 60, True),  # the cover itself
         (2.0, 2.0, 60, False),
         (np.inf, 4.5, 60, False),  # farther than any sensor surely reaches
         (np.inf, 2.0, 22, False),  # 19 beams that meet it
