@@ -10,7 +10,9 @@ from wil_campaign.campaigns.setup.case_files import CaseFiles
 from wil_campaign.campaigns.setup.case_setup import FLIES, Case, ObserverSetup, VehicleSetup
 from wil_campaign.foundation.files.documents import Path, Problem, closest_word
 from wil_campaign.plugins.injection.injection_support import unsupported_injection
+from wil_campaign.plugins.injection.rules import InjectionKind
 from wil_campaign.recipes.working import Side
+from wil_campaign.worlds.frames import Pose, rotate
 
 Injected = Literal[
     "obstacle_distance",
@@ -23,6 +25,9 @@ Injected = Literal[
 
 _SENSOR_OF = {"obstacle_distance": "lidar", "distance_sensor": "rangefinder"}
 """The type of sensor from which an injected message is made."""
+_OF_OBSTACLES = frozenset({"obstacle_distance", "distance_sensor_sideways"})
+_DOWN = 0.7
+"""A rangefinder that looks down by this share or more measures height, else proximity."""
 _POSES = frozenset({"vision_position_estimate", "odometry"})
 
 
@@ -75,10 +80,38 @@ class InjectionSetups(ObserverSetup):
             yield from _injection(files, case, mode, injection)
 
 
+def injected_message_name(injected: Injected, mount: Pose | None) -> InjectionKind:
+    """Return the injected message's name in the rules; a rangefinder's mount decides."""
+    if injected == "distance_sensor" and mount is not None:
+        down = rotate(mount.q_wxyz, (1.0, 0.0, 0.0))[2]
+        return "distance_sensor" if down >= _DOWN else "distance_sensor_sideways"
+    return injected
+
+
+def mount_of(vehicle: VehicleSetup, sensor: str | None) -> Pose | None:
+    """Return the mount of an injected sensor; None without one."""
+    sensors = (one for one in vehicle.sensors if one.name == sensor)
+    mount = getattr(next(sensors, None), "mount", None)
+    return mount if isinstance(mount, Pose) else None
+
+
+def is_told_of_no_obstacles(twin: VehicleSetup, injection: InjectionSetup) -> bool:
+    """Return whether an injection to a twin is of obstacles, which one that follows is not told of.
+
+    They are seen from the real vehicle, which has kept from them already: a twin that keeps from
+    them by itself is pushed off the vehicle that it follows.
+    """
+    if twin.coupling != "follow" or twin.name not in injection.to:
+        return False
+    return injected_message_name(injection.thing, mount_of(twin, injection.sensor)) in _OF_OBSTACLES
+
+
 def _injection(
     files: CaseFiles, case: Case, mode: Mode, injection: InjectionSetup
 ) -> Iterator[Problem]:
     path: Path = ("inject", injection.thing)
+    if mode == "wil" and injection.to == ("twin",):
+        yield from _told_nobody(files, case.vehicles["twin"], path, injection)
     for name in FLIES[mode]:
         if name not in injection.to:
             continue
@@ -99,6 +132,18 @@ def _injection(
         elif thing not in scene:
             message = f"'{thing}' is not in {judged_world(mode)} in mode {mode}"
             yield files.campaign.problem(at, message)
+
+
+def _told_nobody(
+    files: CaseFiles, twin: VehicleSetup, path: Path, injection: InjectionSetup
+) -> Iterator[Problem]:
+    """Yield an injection of obstacles to none but a twin that follows."""
+    if is_told_of_no_obstacles(twin, injection):
+        message = (
+            "in mode wil nobody is told: a twin that follows keeps from no obstacles by itself"
+        )
+        remedy = "; write to: [real, twin], or coupling: free for the twin"
+        yield files.campaign.problem((*path, "to"), message + remedy)
 
 
 def _unmixed_sensor(

@@ -15,9 +15,11 @@ from wil_campaign.orchestrator.state.run_setup import RunSetup
 from wil_campaign.orchestrator.state.run_state import RunState
 from wil_campaign.orchestrator.state.vehicle_context import VehicleContext
 from wil_campaign.plugins.injection.injection_setups import (
-    Injected,
     InjectionSetup,
     InjectionSetups,
+    injected_message_name,
+    is_told_of_no_obstacles,
+    mount_of,
 )
 from wil_campaign.plugins.injection.injection_support import (
     injection_faults,
@@ -29,11 +31,6 @@ from wil_campaign.plugins.injection.injector import Injector, ScenePoses
 from wil_campaign.plugins.injection.rules import IgnoredInjection, InjectionKind
 from wil_campaign.vehicles.errors import ParameterError, VehicleError
 from wil_campaign.vehicles.readings import Reading
-from wil_campaign.worlds.frames import Pose, rotate
-
-_OF_OBSTACLES = frozenset({"obstacle_distance", "distance_sensor_sideways"})
-_DOWN = 0.7
-"""A rangefinder that looks down by this share or more measures height, else proximity."""
 
 
 class UnsupportedInjectionError(VehicleError):
@@ -83,7 +80,7 @@ async def prove_injection(
         for injection in requested:
             if context.name not in injection.to or injection.only_stands_by:
                 continue
-            thing = injected_message_name(injection.thing, _mount(vehicle, injection.sensor))
+            thing = injected_message_name(injection.thing, mount_of(vehicle, injection.sensor))
             proof = await _read_parameters(context, vehicle.autopilot, thing)
             reasons = injection_faults(
                 vehicle.autopilot,
@@ -99,14 +96,6 @@ async def prove_injection(
     return tuple(proofs)
 
 
-def injected_message_name(injected: Injected, mount: Pose | None) -> InjectionKind:
-    """Return the injected message's name in the rules; a rangefinder's mount decides."""
-    if injected == "distance_sensor" and mount is not None:
-        down = rotate(mount.q_wxyz, (1.0, 0.0, 0.0))[2]
-        return "distance_sensor" if down >= _DOWN else "distance_sensor_sideways"
-    return injected
-
-
 async def _read_parameters(
     context: VehicleContext, autopilot: str, thing: InjectionKind
 ) -> InjectionProof:
@@ -117,13 +106,6 @@ async def _read_parameters(
         except ParameterError:
             continue  # the rule reports the missing parameter
     return InjectionProof(context, autopilot, thing, parameters)
-
-
-def _mount(vehicle: VehicleSetup, sensor: str | None) -> Pose | None:
-    """Return the mount of an injected sensor; None without one."""
-    sensors = (one for one in vehicle.sensors if one.name == sensor)
-    mount = getattr(next(sensors, None), "mount", None)
-    return mount if isinstance(mount, Pose) else None
 
 
 _WATCH_S = 0.1
@@ -156,7 +138,7 @@ class Injections(Observer):
         )
         for context in self._contexts:
             vehicle = setup.vehicle(context.name)
-            mounts = ((sensor.name, _mount(vehicle, sensor.name)) for sensor in vehicle.sensors)
+            mounts = ((sensor.name, mount_of(vehicle, sensor.name)) for sensor in vehicle.sensors)
             injector = Injector(
                 context=context,
                 autopilot=vehicle.autopilot,
@@ -229,19 +211,11 @@ def observe(setup: RunSetup, given: InjectionSetups, events: Mapping[str, float]
 def _beside_follower(
     setup: RunSetup, injections: Iterable[InjectionSetup]
 ) -> Iterator[InjectionSetup]:
-    """Yield injections, of which those of obstacles only stand by for a twin that follows.
-
-    They are seen from the real vehicle, which has kept from them already: a twin that keeps from
-    them by itself is pushed off the vehicle that it follows.
-    """
+    """Yield injections, of which those of obstacles only stand by for a twin that follows."""
     companion = setup.companion
     follower = setup.vehicle(companion) if companion is not None else None
     for one in injections:
-        if follower is None or follower.coupling != "follow" or follower.name not in one.to:
-            yield one
-            continue
-        thing = injected_message_name(one.thing, _mount(follower, one.sensor))
-        if thing not in _OF_OBSTACLES:
+        if follower is None or not is_told_of_no_obstacles(follower, one):
             yield one
             continue
         if others := tuple(name for name in one.to if name != follower.name):

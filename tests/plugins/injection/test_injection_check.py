@@ -11,11 +11,14 @@ from wil_campaign.campaigns.setup.case_setup import VehicleSetup
 from wil_campaign.campaigns.values.sensor_setups import OtherSensorSetup
 from wil_campaign.foundation.clocks.virtual_loop import run_virtual
 from wil_campaign.orchestrator.state.vehicle_context import VehicleContext
-from wil_campaign.plugins.injection.injection_setups import Injected, InjectionSetup
+from wil_campaign.plugins.injection.injection_setups import (
+    Injected,
+    InjectionSetup,
+    injected_message_name,
+)
 from wil_campaign.plugins.injection.injections import (
     InjectionProof,
     UnsupportedInjectionError,
-    injected_message_name,
     prove_injection,
 )
 from wil_campaign.plugins.lidar.rangefinder import RangefinderOptions

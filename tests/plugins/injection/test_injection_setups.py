@@ -23,6 +23,10 @@ def test_obstacles_for_px4_are_refused_before_anything_is_there(files: Files) ->
     assert "'real' (px4) would ignore it: in mode OFFBOARD" in fault
     assert "fly in POSCTL" in fault
     files.change("sensor: lidar}", "sensor: lidar, to: [twin]}")
+    (fault,) = files.faults()
+    assert "in mode wil nobody is told" in fault
+    assert "write to: [real, twin]" in fault
+    files.change("    autopilot: ardupilot\n", "    autopilot: ardupilot\n    coupling: free\n")
     given = setup(files).observers["inject"]
     assert isinstance(given, InjectionSetups)
     (injection,) = given.injections
