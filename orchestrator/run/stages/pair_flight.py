@@ -20,6 +20,8 @@ from wil_campaign.vehicles.setpoints import PositionSetpoint
 
 _SETTLED_S = 0.5
 """How long a vehicle has to stay at height before it counts as there."""
+_DISARMED_S = 1.5
+"""A vehicle that reports for so long to be disarmed is: a single heartbeat may be an old one."""
 _POLL_S = 0.02
 _CLIMB_HZ = 10.0
 _SILENT_S = 3.0
@@ -244,9 +246,13 @@ async def _with_operator_holds(
 
 
 async def _at_height(context: VehicleContext, altitude_m: float, sync: SyncSetup) -> None:
-    """Wait until a vehicle of the pair has been near the height for a moment."""
+    """Wait until a vehicle of the pair has been near the height for a moment.
+
+    Raises FlightError when it is not in time, and when it disarms.
+    """
     loop = asyncio.get_running_loop()
     since_s: float | None = None
+    armed_s = loop.time()
     try:
         async with asyncio.timeout(sync.takeoff_timeout_s):
             while since_s is None or loop.time() - since_s < _SETTLED_S:
@@ -255,11 +261,24 @@ async def _at_height(context: VehicleContext, altitude_m: float, sync: SyncSetup
                     height_m is not None and abs(height_m - altitude_m) <= sync.takeoff_tolerance_m
                 )
                 since_s = (since_s or loop.time()) if near else None
+                armed_s = loop.time() if context.driver.state.armed else armed_s
+                if loop.time() - armed_s > _DISARMED_S:
+                    raise FlightError(_disarmed_text(context, altitude_m))
                 await asyncio.sleep(_POLL_S)
     except TimeoutError:
-        height_m = context.height_m()
-        where = "unknown" if height_m is None else f"{height_m:.2f} m"
         raise FlightError(
             f"{context.name}: not at {altitude_m:g} m within {sync.takeoff_timeout_s:g} s of the "
-            f"takeoff command; its height is {where}"
+            f"takeoff command; its height is {_height_text(context)}"
         ) from None
+
+
+def _disarmed_text(context: VehicleContext, altitude_m: float) -> str:
+    where = f"not at {altitude_m:g} m; its height is {_height_text(context)}"
+    texts = context.driver.state.texts
+    said = f"; its last STATUSTEXT: {texts[-1].text.strip()}" if texts else ""
+    return f"{context.name}: it is disarmed, and {where}{said}"
+
+
+def _height_text(context: VehicleContext) -> str:
+    height_m = context.height_m()
+    return "unknown" if height_m is None else f"{height_m:.2f} m"

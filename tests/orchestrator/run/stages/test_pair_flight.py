@@ -10,6 +10,7 @@ import pytest
 from wil_campaign.foundation.clocks.virtual_loop import run_virtual
 from wil_campaign.orchestrator.run.stages.pair_flight import _arm, _at_height, _await_disarmed
 from wil_campaign.orchestrator.state.run_state import FlightError
+from wil_campaign.vehicles.driver.vehicle_state import StatusText
 from wil_campaign.vehicles.errors import VehicleError
 
 SYNC: Any = SimpleNamespace(takeoff_timeout_s=8.0, takeoff_tolerance_m=0.1)
@@ -17,12 +18,23 @@ HEIGHT_M = 1.5
 Height = Callable[[float], float | None]
 
 
-def seen_at_height_s(height_m: Height) -> float:
+Armed = Callable[[float], bool]
+
+
+def seen_at_height_s(height_m: Height, is_armed: Armed = lambda _: True) -> float:
     async def wait() -> float:
         loop = asyncio.get_running_loop()
         began_s = loop.time()
+
+        class Driver:
+            @property
+            def state(self) -> Any:
+                armed = is_armed(loop.time() - began_s)
+                texts = (StatusText(1.0, 6, "Disarmed by auto preflight disarming"),)
+                return SimpleNamespace(armed=armed, texts=texts)
+
         context: Any = SimpleNamespace(
-            name="real", height_m=lambda: height_m(loop.time() - began_s)
+            name="real", height_m=lambda: height_m(loop.time() - began_s), driver=Driver()
         )
         await _at_height(context, HEIGHT_M, SYNC)
         return loop.time() - began_s
@@ -55,6 +67,15 @@ def test_a_vehicle_that_never_reaches_its_height_ends_the_takeoff(
 ) -> None:
     with pytest.raises(FlightError, match=f"not at 1.5 m within 8 s .*its height is {where}"):
         seen_at_height_s(height_m)
+
+
+def test_a_vehicle_that_disarms_in_its_takeoff_ends_it_soon_with_its_reason() -> None:
+    """The other vehicle hovered for the rest of the time-out, and the reason was a height."""
+    said = "real: it is disarmed, and not at 1.5 m; its height is 0.00 m; its last STATUSTEXT: Disa"
+    with pytest.raises(FlightError, match=said):
+        seen_at_height_s(lambda _: 0.0, lambda t_s: t_s < 2.0)
+    began_s = seen_at_height_s(passing_through, lambda t_s: not 2.0 < t_s < 3.0)
+    assert began_s == pytest.approx(4.5, abs=0.05), "a heartbeat of before"
 
 
 @pytest.mark.parametrize(
