@@ -2,6 +2,7 @@
 
 import contextlib
 import os
+import time
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,6 +20,8 @@ from wil_campaign.safety.guard.process.runtime_folder import (
     sweep_runtime_folder,
 )
 
+_POLL_S = 0.01
+
 
 @dataclass(frozen=True, slots=True)
 class OperatorPlace:
@@ -27,6 +30,7 @@ class OperatorPlace:
     process: the one that listens there, to be signalled when the socket does not answer; None for
     a campaign of a container, whose process ids are others.
     campaign: of a guard, the folder of its run's campaign; None where it is of none.
+    record: the file of a campaign's record, which is there while it flies; None of a guard.
     """
 
     name: str
@@ -34,6 +38,7 @@ class OperatorPlace:
     socket: Path
     process: ProcessId | None = None
     campaign: Path | None = None
+    record: Path | None = None
 
     def is_beneath(self, folder: Path) -> bool:
         """Return whether this is a campaign's, or of one of its runs, by the campaign's folder."""
@@ -148,6 +153,16 @@ class CampaignRecord:
         self._path.unlink(missing_ok=True)
 
 
+def is_gone(record: Path, *, within_s: float) -> bool:
+    """Return whether the file of a campaign's record is gone, or goes within some time."""
+    until_s = time.monotonic() + within_s
+    while record.exists():
+        if time.monotonic() > until_s:
+            return False
+        time.sleep(_POLL_S)
+    return True
+
+
 def related_folder(one: Path, other: Path) -> bool:
     """Return whether one recorded folder contains the other."""
     return one.is_relative_to(other) or other.is_relative_to(one)
@@ -170,7 +185,9 @@ def _campaigns(runtime: Path) -> Iterator[OperatorPlace]:
             entry = msgspec.json.decode(path.read_bytes(), type=_Entry)
             process = entry.process if entry.process.lives else None
             if process is not None or is_socket_served(Path(entry.socket)):
-                yield OperatorPlace(entry.name, Path(entry.folder), Path(entry.socket), process)
+                yield OperatorPlace(
+                    entry.name, Path(entry.folder), Path(entry.socket), process, record=path
+                )
             else:
                 path.unlink()
                 Path(entry.socket).unlink(missing_ok=True)

@@ -10,6 +10,7 @@ from pathlib import Path
 from wil_campaign.orchestrator.operator.campaign_records import (
     OperatorPlace,
     OperatorPlaces,
+    is_gone,
     operator_places,
 )
 from wil_campaign.orchestrator.operator.socket_client import (
@@ -18,6 +19,9 @@ from wil_campaign.orchestrator.operator.socket_client import (
     tell_operator_socket,
 )
 from wil_campaign.safety.guard.core.operator_command import OperatorKind
+
+_RECORD_GOES_S = 0.2
+"""How long after its socket a campaign's record goes."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,11 +121,25 @@ def _abort(flying: OperatorPlaces, who: str) -> Iterator[CommandReply]:
     """Send abort to all sockets at once, so that none delays another; signal those that fail."""
     everyone = (*flying.guards, *flying.campaigns)
     with ThreadPoolExecutor(max(1, len(everyone))) as threads:
-        replies = list(threads.map(lambda one: _send_to_socket(one, "abort", who), everyone))
+        replies = list(threads.map(lambda one: _send_abort(one, who), everyone))
     yield from replies
     for place, reply in zip(everyone, replies, strict=True):
         if not reply.ok:
             yield from _signal(place)
+
+
+def _send_abort(place: OperatorPlace, who: str) -> CommandReply:
+    """Send an abort to a socket; return its reply, or that the campaign flies nothing any more.
+
+    A campaign closes its socket after its last flight, then removes its record, and goes on to
+    write its report.
+    """
+    reply = _send_to_socket(place, "abort", who)
+    if reply.ok or reply.answered:
+        return reply
+    if place.record is not None and is_gone(place.record, within_s=_RECORD_GOES_S):
+        return CommandReply(ok=True, text=f"{place.name}: its flights are over", place=place)
+    return reply
 
 
 def _signal(place: OperatorPlace) -> Iterator[CommandReply]:

@@ -95,7 +95,7 @@ def mount_of(vehicle: VehicleSetup, sensor: str | None) -> Pose | None:
     return mount if isinstance(mount, Pose) else None
 
 
-def is_told_of_no_obstacles(twin: VehicleSetup, injection: InjectionSetup) -> bool:
+def receives_no_obstacles(twin: VehicleSetup, injection: InjectionSetup) -> bool:
     """Return whether an injection to a twin is of obstacles, which one that follows is not told of.
 
     They are seen from the real vehicle, which has kept from them already: a twin that keeps from
@@ -111,7 +111,7 @@ def _injection(
 ) -> Iterator[Problem]:
     path: Path = ("inject", injection.thing)
     if mode == "wil" and injection.to == ("twin",):
-        yield from _told_nobody(files, case.vehicles["twin"], path, injection)
+        yield from _reaching_nobody(files, case.vehicles["twin"], path, injection)
     for name in FLIES[mode]:
         if name not in injection.to:
             continue
@@ -134,11 +134,11 @@ def _injection(
             yield files.campaign.problem(at, message)
 
 
-def _told_nobody(
+def _reaching_nobody(
     files: CaseFiles, twin: VehicleSetup, path: Path, injection: InjectionSetup
 ) -> Iterator[Problem]:
     """Yield an injection of obstacles to none but a twin that follows."""
-    if is_told_of_no_obstacles(twin, injection):
+    if receives_no_obstacles(twin, injection):
         message = (
             "in mode wil nobody is told: a twin that follows keeps from no obstacles by itself"
         )

@@ -18,8 +18,8 @@ from wil_campaign.plugins.injection.injection_setups import (
     InjectionSetup,
     InjectionSetups,
     injected_message_name,
-    is_told_of_no_obstacles,
     mount_of,
+    receives_no_obstacles,
 )
 from wil_campaign.plugins.injection.injection_support import (
     injection_faults,
@@ -215,7 +215,7 @@ def _beside_follower(
     companion = setup.companion
     follower = setup.vehicle(companion) if companion is not None else None
     for one in injections:
-        if follower is None or not is_told_of_no_obstacles(follower, one):
+        if follower is None or not receives_no_obstacles(follower, one):
             yield one
             continue
         if others := tuple(name for name in one.to if name != follower.name):

@@ -194,17 +194,17 @@ class VisibilityCoverage:
         self._blind_frames += 1
         if self._blind_frames < _SHARE_FRAMES or frame.t_s - self._blind_s < _BLIND_S:
             return None
-        return self._lost(names, self._blind_s, self._blind_frames)
+        return self._loss_fault(names, self._blind_s, self._blind_frames)
 
     def _one_lost_from_view(self, frame: FrameVisibility) -> VisibilityFault | None:
         """Return the fault that an object is lost while others in view are shown."""
         for one in frame.objects:
             known = self.objects[one.name]
             if known.is_lost(frame.t_s):
-                return self._lost([one.name], known.missed_s, known.missed)
+                return self._loss_fault([one.name], known.missed_s, known.missed)
         return None
 
-    def _lost(self, names: Iterable[str], since_s: float, frames: int) -> VisibilityFault:
+    def _loss_fault(self, names: Iterable[str], since_s: float, frames: int) -> VisibilityFault:
         text = f"does not show {' and '.join(names)} any more from {since_s:.3f} s on, though "
         text += f"in view in {frames} measured frames in a row"
         return VisibilityFault(since_s, f"{self._shower} {text}")

@@ -275,8 +275,8 @@ async def _at_height(context: VehicleContext, altitude_m: float, sync: SyncSetup
 def _disarmed_text(context: VehicleContext, altitude_m: float) -> str:
     where = f"not at {altitude_m:g} m; its height is {_height_text(context)}"
     texts = context.driver.state.texts
-    said = f"; its last STATUSTEXT: {texts[-1].text.strip()}" if texts else ""
-    return f"{context.name}: it is disarmed, and {where}{said}"
+    last_text = f"; its last STATUSTEXT: {texts[-1].text.strip()}" if texts else ""
+    return f"{context.name}: it is disarmed, and {where}{last_text}"
 
 
 def _height_text(context: VehicleContext) -> str:

@@ -200,6 +200,27 @@ def test_records_of_a_killed_campaign_are_removed(tmp_path: Path, runtime: Path)
     assert left(runtime) == []
 
 
+@pytest.mark.usefixtures("runtime")
+@pytest.mark.parametrize("has_ended", [True, False])
+def test_an_abort_spares_a_program_whose_flights_have_just_ended(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, *, has_ended: bool
+) -> None:
+    """It was killed while it wrote its report; one that lost only its socket still gets SIGTERM."""
+    killed: list[int] = []
+    monkeypatch.setattr(os, "kill", lambda pid, _: killed.append(pid))
+    with CampaignRecord(name="gate", folder=tmp_path):
+        flying = operator_places()
+        if not has_ended:
+            replies = list(send_command(flying, "abort", "anna"))
+    if has_ended:
+        replies = list(send_command(flying, "abort", "anna"))
+        assert [(reply.ok, reply.text) for reply in replies] == [
+            (True, "gate: its flights are over")
+        ]
+    assert not all(reply.ok for reply in replies) or has_ended
+    assert killed == ([] if has_ended else [os.getpid()])
+
+
 async def test_a_campaign_of_a_container_that_shares_the_folder_is_found_and_lands(
     tmp_path: Path, runtime: Path
 ) -> None:
