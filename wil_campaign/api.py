@@ -8,7 +8,7 @@ angles radians, times seconds of the run clock, quaternions wxyz from body to NE
 from typing import TYPE_CHECKING
 
 from wil_campaign import first_used
-from wil_campaign.recipes.model.registry import SidedParameters, step
+from wil_campaign.recipes.model.registry import SidedParameters, StepParameters, step
 from wil_campaign.recipes.working import CannotMixError, Masked
 from wil_campaign.safety.oracles.limit_oracle import LimitOracle
 from wil_campaign.safety.oracles.oracle import Windowed, oracle
@@ -105,6 +105,7 @@ __all__ = [
     "SensorSpec",
     "Setpoint",
     "SidedParameters",
+    "StepParameters",
     "Telemetry",
     "Timing",
     "Truth",

@@ -6,6 +6,7 @@ theirs in the group `wil_campaign` of their entry points. Both are registered wi
 
 import importlib
 import sys
+import traceback
 from collections.abc import Callable, Container, Iterator, Mapping, Sequence
 from contextlib import redirect_stdout, suppress
 from dataclasses import dataclass
@@ -123,6 +124,7 @@ SHIPPED: Mapping[str, Mapping[str, tuple[str, ...]]] = {
 
 _CORE = "wil_campaign"
 """The name by which the core's own lists are registered; it is no plugin that anyone lists."""
+_REMEDY = "mend it, or uninstall it"
 _ORIGIN = "shipped"
 _FOLDER = "wil_campaign.plugins"
 
@@ -230,6 +232,28 @@ def third_party_modules() -> Mapping[str, Any]:
     found = {name: _registered()[0].get_plugin(name) for name in third_party_plugins()}
     names = {name: getattr(one, "__name__", type(one).__module__) for name, one in found.items()}
     return {name: sys.modules[text.partition(".")[0]] for name, text in names.items()}
+
+
+def plugin_of_module(module: str) -> str:
+    """Return the plugin of another distribution that a module is of, with it; "" for none."""
+    outermost = {one.__name__: name for name, one in third_party_modules().items()}
+    name = outermost.get(module.partition(".")[0], "")
+    return f"plugin {name} ({third_party_plugins()[name]})" if name else ""
+
+
+def plugin_at_fault(error: BaseException) -> str:
+    """Return the plugin of another distribution that raised, or called what did; "" for none."""
+    if not third_party_plugins():
+        return ""
+    for frame, _ in traceback.walk_tb(error.__traceback__):
+        if plugin := plugin_of_module(str(frame.f_globals.get("__name__", ""))):
+            return plugin
+    return ""
+
+
+def whose_fault_text(plugin: str) -> str:
+    """Return what a message of a fault ends with: the plugin, and the remedy; "" for none."""
+    return f"; {plugin}: {_REMEDY}" if plugin else ""
 
 
 def absent_additions(hook: Callable[[], Sequence[NamedAddition]]) -> Mapping[str, str]:
@@ -351,5 +375,4 @@ def _fault(plugin: str, origin: str, message: str) -> Exception:
     """Return the error that a plugin cannot be used: BadInput."""
     from wil_campaign.foundation.files.problems import BadInput, Problem  # noqa: PLC0415 - seldom used
 
-    remedy = "mend it, or uninstall it"
-    return BadInput([Problem(f"plugin {plugin} ({origin})", 0, 0, f"{message}; {remedy}")])
+    return BadInput([Problem(f"plugin {plugin} ({origin})", 0, 0, f"{message}; {_REMEDY}")])

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Self
 
 from wil_campaign.foundation.tasks import FAULTS, is_task_cancellation, leaf_errors
+from wil_campaign.installed_plugins import plugin_at_fault, whose_fault_text
 from wil_campaign.orchestrator.state.run_log import append_event
 
 
@@ -28,6 +29,8 @@ class InternalFault:
             message = " ".join([str(error), *getattr(error, "__notes__", ())])
         except Exception as other:  # noqa: BLE001 - __str__ may raise anything
             message = f"(its message raised {type(other).__name__})"
+        plugin = plugin_at_fault(error)
+        message += "" if plugin in message else whose_fault_text(plugin)
         trace = "".join(traceback.format_exception(error))
         return cls(t_s, where, type(error).__name__, message, trace)
 

@@ -25,6 +25,7 @@ OWN_STEP = "use"
 """Name of the step that calls the user's code, in every stage."""
 EVERY_SENSOR: tuple[str, ...] = ()
 """The types of a step that works on all of them, those of plugins included."""
+_OURS = "wil_campaign."
 STAGES: tuple[Stage, ...] = ("transform", "filter", "merge")
 
 
@@ -146,6 +147,11 @@ class StepType:
         if not callable(self.only):
             return self.only or sensor_names()
         return tuple(name for name in sensor_names() if self.only(traits_named(name)))
+
+    @property
+    def is_of_others(self) -> bool:
+        """Return whether the step's code is none of this program: of a user, or of their plugin."""
+        return self.name == OWN_STEP or not self.build.__module__.startswith(_OURS)
 
 
 P = TypeVar("P", bound=StepParameters)

@@ -11,7 +11,7 @@ from typing import Any, TypeVar, cast
 
 from wil_campaign.foundation.files.documents import Path
 from wil_campaign.recipes.model.recipe import Combination, StepUse
-from wil_campaign.recipes.model.registry import OWN_STEP, StepContext
+from wil_campaign.recipes.model.registry import StepContext
 from wil_campaign.recipes.working import (
     SIDES,
     AnyMasked,
@@ -47,11 +47,11 @@ def shape_mismatch(
     """Return the first step, or the merge, that refuses readings of these sizes; None for none.
 
     blank: a reading of each side, of which only the shape counts. folder: to which files in the
-    recipe are relative. Steps that keep the shape are skipped. With a step of the user's own, or a
+    recipe are relative. Steps that keep the shape are skipped. With a step of others, or a
     conversion into another type, the shape is unknown and nothing is checked.
     """
     steps = (*combination.steps, combination.merge)
-    if _is_converted(combination) or any(step.kind.name == OWN_STEP for step in steps):
+    if _is_converted(combination) or any(step.kind.is_of_others for step in steps):
         return None
     sides = _reshaped(combination, blank, folder)
     merged = sides if isinstance(sides, ShapeMismatch) else _merged(combination, sides, folder)
@@ -63,7 +63,7 @@ def blank_mixture(
 ) -> Reading:
     """Return a reading as large as the mixtures of readings of these sizes.
 
-    blank, folder: as of `shape_mismatch`. Steps of the user's own count as keeping the size; where
+    blank, folder: as of `shape_mismatch`. Steps of others count as keeping the size; where
     that is not enough to know the mixture's, it is that of the real reading.
     """
     if _is_converted(combination):
@@ -72,7 +72,7 @@ def blank_mixture(
     if isinstance(sides, ShapeMismatch):
         return blank["real"]
     real: Reading = sides["real"].reading
-    if combination.merge.kind.name == OWN_STEP:
+    if combination.merge.kind.is_of_others:
         return real
     merged = _merged(combination, sides, folder)
     return real if merged is None or isinstance(merged, ShapeMismatch) else merged
@@ -90,7 +90,7 @@ def _reshaped(
     """Return both sides after the combination's steps that change shapes; or the mismatch."""
     sides: dict[Side, AnyMasked] = {side: Masked(one) for side, one in blank.items()}
     for step in combination.steps:
-        if step.parameters.reshapes:
+        if step.parameters.reshapes and not step.kind.is_of_others:
             mismatch = _reshape(step, sides, StepContext(folder=folder))
             if mismatch is not None:
                 return mismatch

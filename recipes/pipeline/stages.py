@@ -9,8 +9,15 @@ from typing import cast
 from wil_campaign.foundation.files.documents import Document
 from wil_campaign.foundation.files.problems import printable_problem
 from wil_campaign.foundation.files.user_modules import user_file_path
+from wil_campaign.installed_plugins import plugin_of_module, whose_fault_text
 from wil_campaign.recipes.model.recipe import Combination, StepUse
-from wil_campaign.recipes.model.registry import OWN_STEP, StepContext
+from wil_campaign.recipes.model.registry import OWN_STEP, StepContext, StepType
+from wil_campaign.recipes.operations.checked_results import (
+    BadResultError,
+    checked_merge,
+    checked_side,
+    copied_side,
+)
 from wil_campaign.recipes.working import (
     SIDES,
     AnyMasked,
@@ -25,7 +32,7 @@ from wil_campaign.recipes.working import (
     StepError,
     TimedOperator,
 )
-from wil_campaign.vehicles.readings import Reading
+from wil_campaign.vehicles.readings import Reading, sensor_type_of
 
 Stopwatch = Callable[[], float]
 
@@ -44,16 +51,21 @@ Observer = Callable[[StageView], None]
 
 @dataclass(frozen=True, slots=True)
 class StepPlace:
-    """The place of a stage's step in its recipe, and its name in messages."""
+    """The place of a stage's step in its recipe, and its name in messages.
+
+    plugin: whose step it is; empty for the program's, and for a user's own.
+    """
 
     file: str
     line: int
     label: str
+    plugin: str
 
     def failed(self, error: BaseException, frame: int) -> StepError:
         """Return the error of a stage's step with its place."""
+        detail = _error_text(error) + whose_fault_text(self.plugin)
         return StepError(
-            file=self.file, line=self.line, step=self.label, frame=frame, detail=_error_text(error)
+            file=self.file, line=self.line, step=self.label, frame=frame, detail=detail
         )
 
 
@@ -66,6 +78,8 @@ def _error_text(error: BaseException) -> str:
         message = printable_problem(" ".join(str(error).split()))
     except Exception:  # noqa: BLE001 - __str__ of the user's code may raise anything
         message = "(its message cannot be shown)"
+    if isinstance(error, BadResultError):
+        return message
     frames = traceback.extract_tb(error.__traceback__)
     own = [frame for frame in frames if user_file_path(frame.filename) is not None] or frames
     where = f" ({Path(own[-1].filename).name} line {own[-1].lineno})" if own else ""
@@ -80,12 +94,18 @@ class Stage:
     sides: tuple[Side, ...]
     operators: Mapping[Side, Operator]
     place: StepPlace
+    kind: StepType
 
     def apply(self, side: Side, sides: Sides, frame: int) -> AnyMasked:
         """Return one side after the stage. Raises CannotMixError, or StepError for other faults."""
         other: Side = "twin" if side == "real" else "real"
         try:
-            return self.operators[side](sides[side], sides.get(other))
+            operator, work, beside = self.operators[side], sides[side], sides.get(other)
+            if not _is_checked(self.kind):
+                return operator(work, beside)
+            made = operator(copied_side(work), None if beside is None else copied_side(beside))
+            of = sensor_type_of(work.reading)
+            return checked_side(made, work, self.kind.gives.get(of, of))
         except (CannotMixError, KeyboardInterrupt):
             raise
         except BaseException as error:  # SystemExit and CancelledError of a user's step, too
@@ -104,11 +124,15 @@ class MergeStage:
     name: str
     merge: Merge
     place: StepPlace
+    kind: StepType
 
     def apply(self, sides: Sides, frame: int) -> Reading:
         """Return the merged reading. Raises CannotMixError, or StepError for any other fault."""
         try:
-            return self.merge(sides)
+            if not _is_checked(self.kind):
+                return self.merge(sides)
+            made = self.merge({side: copied_side(work) for side, work in sides.items()})
+            return checked_merge(made, sensor_type_of(sides["real"].reading))
         except (CannotMixError, KeyboardInterrupt):
             raise
         except BaseException as error:  # SystemExit and CancelledError of a user's step, too
@@ -151,25 +175,32 @@ def compile_stages(
             request = first
         else:
             operators = cast("Mapping[Side, Operator]", built)
-            stages.append(Stage(step.label, sides, operators, place))
+            stages.append(Stage(step.label, sides, operators, place, step.kind))
     step, place = combination.merge, _place(combination.merge, document)
-    merging = MergeStage(step.label, cast("Merge", _build_operator(step, context, place)), place)
+    merge = cast("Merge", _build_operator(step, context, place))
+    merging = MergeStage(step.label, merge, place, step.kind)
     return CompiledStages(tuple(stages), merging, request, needs)
 
 
 def _build_operator(step: StepUse, context: StepContext, place: StepPlace) -> Built:
-    """Build a stage's operator; a user class that raises becomes a StepError."""
+    """Build a stage's operator; code of others that raises becomes a StepError."""
     try:
         built: Built = step.kind.build(step.parameters, context)
     except KeyboardInterrupt:
         raise
     except BaseException as error:
-        if step.kind.name == OWN_STEP:
+        if step.kind.is_of_others:
             raise place.failed(error, 0) from error
         raise
     return built
 
 
+def _is_checked(kind: StepType) -> bool:
+    """Return whether a stage checks what its step returns: `use` does so itself."""
+    return kind.is_of_others and kind.name != OWN_STEP
+
+
 def _place(step: StepUse, document: Document) -> StepPlace:
     place = document.problem(step.path, "", key=True)  # a case may override it, in its own file
-    return StepPlace(place.file, place.line, step.label)
+    plugin = plugin_of_module(step.kind.build.__module__)
+    return StepPlace(place.file, place.line, step.label, plugin)

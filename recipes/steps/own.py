@@ -2,11 +2,9 @@
 
 import inspect
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path as FilePath
 from typing import Any, cast
 
-import numpy as np
 from pydantic import Field, JsonValue
 
 from wil_campaign.foundation.files.references import BadReferenceError, load_reference
@@ -19,15 +17,13 @@ from wil_campaign.recipes.model.registry import (
     StepParameters,
     step,
 )
-from wil_campaign.recipes.operations.masks import KEPT
-from wil_campaign.recipes.working import AnyMasked, Masked, Merge, Operator, Sides, element_shape
-from wil_campaign.vehicles.readings import Mask, Reading, sensor_type_of
-from wil_campaign.vehicles.readings.checks import reading_fault
-from wil_campaign.vehicles.readings.copies import copied_reading, with_python_numbers
-
-
-class BadResultError(TypeError):
-    """A user's own step returned no reading, or an invalid one."""
+from wil_campaign.recipes.operations.checked_results import (
+    checked_merge,
+    checked_side,
+    copied_side,
+)
+from wil_campaign.recipes.working import AnyMasked, Merge, Operator, Sides
+from wil_campaign.vehicles.readings import Reading, sensor_type_of
 
 
 def _load_function(use: str, folder: FilePath) -> Callable[..., Any]:
@@ -99,13 +95,8 @@ def use(parameters: UseParameters, context: StepContext) -> Operator:
     called = _prepare_function(parameters.use, parameters.with_, context)
 
     def operator(work: AnyMasked, other: AnyMasked | None) -> AnyMasked:
-        made = called(_copied_side(work), None if other is None else _copied_side(other))
-        if isinstance(made, Reading):
-            made = Masked(made, work.mask)
-        if not isinstance(made, Masked):
-            raise BadResultError(f"returned {type(made).__name__}, not a reading or a Masked")
-        reading = _checked_result(made.reading, sensor_type_of(work.reading))
-        return Masked(reading, None if made.mask is None else _checked_mask(made.mask, reading))
+        made = called(copied_side(work), None if other is None else copied_side(other))
+        return checked_side(made, work, sensor_type_of(work.reading))
 
     return operator
 
@@ -138,10 +129,8 @@ def use_merge(parameters: UseMergeParameters, context: StepContext) -> Merge:
     called = _prepare_function(parameters.use, parameters.with_, context)
 
     def merge(sides: Sides) -> Reading:
-        made = called({side: _copied_side(work) for side, work in sides.items()})
-        if not isinstance(made, Reading):
-            raise BadResultError(f"returned {type(made).__name__}, not a reading")
-        return _checked_result(made, sensor_type_of(sides["real"].reading))
+        made = called({side: copied_side(work) for side, work in sides.items()})
+        return checked_merge(made, sensor_type_of(sides["real"].reading))
 
     return merge
 
@@ -152,37 +141,3 @@ OWN_STEPS = (
     step(OWN_STEP, stage="merge", sensors=EVERY_SENSOR, parameters=UseMergeParameters)(use_merge),
 )
 """The step `use` of each stage."""
-
-
-def _copied_side(work: AnyMasked) -> AnyMasked:
-    """Return a copy of a side: a step of the user's may write into what the recording waits for."""
-    return Masked(copied_reading(work.reading), None if work.mask is None else work.mask.copy())
-
-
-def _checked_mask(made: Any, reading: Reading) -> Mask:
-    """Return the mask of a user's own step as ours: its own bytes, 255 kept and 0 not.
-
-    OpenCV reads numbers of another type as other pixels, and ends the process at a bool. Raises
-    BadResultError.
-    """
-    if not isinstance(made, np.ndarray) or made.dtype not in (np.bool_, np.uint8):
-        kind = f"{made.dtype}" if isinstance(made, np.ndarray) else f"{type(made).__name__}"
-        raise BadResultError(f"returned a mask of {kind}, not of bool, or uint8 with 255 for kept")
-    if made.shape != element_shape(reading):
-        raise BadResultError(f"returned a mask of {made.shape}, not {element_shape(reading)}")
-    return np.where(made, KEPT, 0).astype(np.uint8) if made.dtype == np.bool_ else made.copy()
-
-
-def _checked_result(made: Any, kind: str) -> Reading:
-    """Return the result of a user's own step as a reading that shares no buffer with the step.
-
-    Raises BadResultError for one that is no valid reading of this sensor type.
-    """
-    if sensor_type_of(made) != kind:
-        raise BadResultError(f"returned a {sensor_type_of(made)} reading of a {kind} one")
-    reading = copied_reading(with_python_numbers(made))
-    # The mixer sets the time of delivery.
-    fault = reading_fault(replace(reading, arrived_s=reading.t_s))
-    if fault is not None:
-        raise BadResultError(f"returned a bad reading: {fault.detail}")
-    return reading

@@ -5,6 +5,7 @@ beams 4 us, 14,400 points 8 us.
 """
 
 import math
+from numbers import Real
 from typing import Any
 
 from wil_campaign.vehicles.readings.faults import ReadingFault
@@ -75,7 +76,9 @@ _CLOCK_SLACK_S = 0.05
 def _numbers(reading: Any) -> ReadingFault | None:
     """Check a reading that is numbers alone; return its fault or None."""
     for name in number_fields_of_reading(type(reading)):
-        if not math.isfinite(value := getattr(reading, name)):
+        if not isinstance(value := getattr(reading, name), Real):
+            return ReadingFault("type", f"{name} is {value!r}, no number")
+        if not math.isfinite(value):
             return ReadingFault("not_finite", f"{name} is {value}")
     return None
 

@@ -35,7 +35,13 @@ from wil_campaign.vehicles.readings.copies import restamp_reading
 from wil_campaign.vehicles.readings.kinds import sensor_specs, traits_named
 from wil_campaign.vehicles.sensors.depth import DEPTH_NOISES, DepthSensor
 from wil_campaign.vehicles.sensors.lens import ThroughLens
-from wil_campaign.vehicles.sensors.sensor_spec import MountedOptions, Sensor, SensorSite
+from wil_campaign.vehicles.sensors.named_sensor import NamedSensor
+from wil_campaign.vehicles.sensors.sensor_spec import (
+    MountedOptions,
+    Sensor,
+    SensorSite,
+    SensorSpec,
+)
 from wil_campaign.vehicles.sensors.sensor_streams import (
     OnDemandSensor,
     PoseStream,
@@ -180,20 +186,18 @@ class SensorFactory:
                 sensor=DepthSensor(noise=DEPTH_NOISES.named(noise)),
                 timing=Timing(sensor.rate_hz, camera.latency_s, camera.jitter_s),
             )
-        model = sensor_specs()[sensor.kind].model
-        if model is None or not isinstance(sensor, OtherSensorSetup):
+        spec: SensorSpec = sensor_specs()[sensor.kind]
+        if spec.model is None or not isinstance(sensor, OtherSensorSetup):
             raise TypeError(f"no sensor model for the {sensor.kind} of {vehicle.name}")
-        made: Sensor = model(
-            sensor.options,
-            SensorSite(
-                side=vehicle.name,
-                frame=self._setup.case.world.frame,
-                noise=noise,
-                mount=(sensor_options_of(like, MountedOptions) or sensor.options).mounted,
-                caster=partial(self._caster, vehicle.name),
-            ),
+        site = SensorSite(
+            side=vehicle.name,
+            frame=self._setup.case.world.frame,
+            noise=noise,
+            mount=(sensor_options_of(like, MountedOptions) or sensor.options).mounted,
+            caster=partial(self._caster, vehicle.name),
         )
-        return made
+        name = f"{sensor.kind} {sensor.name} of {vehicle.name}"
+        return NamedSensor(name, spec, partial(spec.model, sensor.options, site))
 
     def _has_truth(self, vehicle: VehicleSetup) -> bool:
         """Return whether a vehicle is an embedded simulation that flies; a placed twin does not."""
