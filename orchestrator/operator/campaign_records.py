@@ -40,6 +40,17 @@ class OperatorPlace:
     campaign: Path | None = None
     record: Path | None = None
 
+    def has_ended(self, *, within_s: float) -> bool:
+        """Return whether a campaign's flights are over: its record is gone, or goes in time."""
+        if self.record is None:
+            return False
+        until_s = time.monotonic() + within_s
+        while self.record.exists():
+            if time.monotonic() > until_s:
+                return False
+            time.sleep(_POLL_S)
+        return True
+
     def is_beneath(self, folder: Path) -> bool:
         """Return whether this is a campaign's, or of one of its runs, by the campaign's folder."""
         return self.folder.is_relative_to(folder) or self.campaign == folder
@@ -151,16 +162,6 @@ class CampaignRecord:
 
     def __exit__(self, *_: object) -> None:
         self._path.unlink(missing_ok=True)
-
-
-def is_gone(record: Path, *, within_s: float) -> bool:
-    """Return whether the file of a campaign's record is gone, or goes within some time."""
-    until_s = time.monotonic() + within_s
-    while record.exists():
-        if time.monotonic() > until_s:
-            return False
-        time.sleep(_POLL_S)
-    return True
 
 
 def related_folder(one: Path, other: Path) -> bool:

@@ -10,7 +10,6 @@ from pathlib import Path
 from wil_campaign.orchestrator.operator.campaign_records import (
     OperatorPlace,
     OperatorPlaces,
-    is_gone,
     operator_places,
 )
 from wil_campaign.orchestrator.operator.socket_client import (
@@ -137,7 +136,7 @@ def _send_abort(place: OperatorPlace, who: str) -> CommandReply:
     reply = _send_to_socket(place, "abort", who)
     if reply.ok or reply.answered:
         return reply
-    if place.record is not None and is_gone(place.record, within_s=_RECORD_GOES_S):
+    if place.has_ended(within_s=_RECORD_GOES_S):
         return CommandReply(ok=True, text=f"{place.name}: its flights are over", place=place)
     return reply
 

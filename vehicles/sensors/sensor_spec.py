@@ -4,7 +4,8 @@ One file has all of a type that is numbers alone: docs/plugins.md shows one.
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar, Protocol
 
@@ -12,6 +13,7 @@ import numpy as np
 from pydantic import Field
 
 from wil_campaign.foundation.files.documents import Part
+from wil_campaign.installed_plugins import plugin_of_module, whose_fault_text
 from wil_campaign.vehicles.readings import Reading, Source
 from wil_campaign.vehicles.readings.traits import NUMBERS, ReadingTraits
 from wil_campaign.vehicles.sensors.beams import BeamFan, RayCaster
@@ -138,3 +140,34 @@ class SensorSpec:
     fault: Callable[[Any], str] | None = None
     traits: ReadingTraits = NUMBERS
     mavlink: str = ""
+
+
+class NamedSensor:
+    """A sensor's model whose exceptions name it, and that gives readings of its type alone.
+
+    name: in messages, as "sonar down of twin". make: makes the model.
+    """
+
+    def __init__(self, name: str, spec: SensorSpec, make: Callable[[], Sensor]) -> None:
+        self._name = name
+        self._reading = spec.reading
+        self._plugin = plugin_of_module(spec.reading.__module__)
+        with self._named():
+            self._sensor = make()
+
+    def sample(self, truth: Truth, t_s: float, rng: np.random.Generator) -> Reading:
+        """Return the sensor's reading of t_s."""
+        with self._named():
+            reading: Reading = self._sensor.sample(truth, t_s, rng)
+            if type(reading) is not self._reading:
+                given = type(reading).__name__
+                raise TypeError(f"gave {given}, not {self._reading.__name__}")
+        return reading
+
+    @contextmanager
+    def _named(self) -> Iterator[None]:
+        try:
+            yield
+        except Exception as error:
+            error.add_note(f"({self._name}){whose_fault_text(self._plugin)}")
+            raise

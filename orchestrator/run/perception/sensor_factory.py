@@ -35,9 +35,9 @@ from wil_campaign.vehicles.readings.copies import restamp_reading
 from wil_campaign.vehicles.readings.kinds import sensor_specs, traits_named
 from wil_campaign.vehicles.sensors.depth import DEPTH_NOISES, DepthSensor
 from wil_campaign.vehicles.sensors.lens import ThroughLens
-from wil_campaign.vehicles.sensors.named_sensor import NamedSensor
 from wil_campaign.vehicles.sensors.sensor_spec import (
     MountedOptions,
+    NamedSensor,
     Sensor,
     SensorSite,
     SensorSpec,

@@ -53,6 +53,17 @@ class Vehicle:
         self._event(VehicleEvent(t_s, "mode", mode.name, mode=mode))
 
 
+def flying_vehicle(runner: OracleRunner, run_state: RunState) -> Any:
+    """Return a vehicle of the run that flies its goal."""
+    vehicle: Any = Vehicle()
+    runner.attach(vehicle)
+    runner.last_state(0.5)
+    stages: tuple[Stage, ...] = ("takeoff", "at_height", "goal")
+    for stage in stages:
+        run_state.enter(stage)
+    return vehicle
+
+
 def test_a_mode_that_was_there_between_two_ticks_only_is_judged(tmp_path: Path) -> None:
     """A radio that stalled delivers several heartbeats at once; the last is none of the others."""
     plan = load_campaign(write_wall(tmp_path), ExpansionOptions(sets=("oracles.modes={}",))).runs[0]
@@ -61,12 +72,7 @@ def test_a_mode_that_was_there_between_two_ticks_only_is_judged(tmp_path: Path) 
     runner = OracleRunner(
         judge=judge, run_state=run_state, kinds={}, flag_watchers=(), log_sample=lambda _: None
     )
-    vehicle: Any = Vehicle()
-    runner.attach(vehicle)
-    runner.last_state(0.5)
-    stages: tuple[Stage, ...] = ("takeoff", "at_height", "goal")
-    for stage in stages:
-        run_state.enter(stage)
+    vehicle = flying_vehicle(runner, run_state)
     for mode in (FlightMode.HOLD, FlightMode.GUIDED):
         vehicle.reports(2.0, mode)
     runner.last_state(2.05)
@@ -98,12 +104,7 @@ def test_one_that_raises_hides_no_failure_of_the_same_sample(
             flag_watchers=(*(() if is_oracle else (fail,)), lambda flag: heard.append(flag.oracle)),
             log_sample=lambda _: None,
         )
-        vehicle: Any = Vehicle()
-        runner.attach(vehicle)
-        runner.last_state(0.5)
-        stages: tuple[Stage, ...] = ("takeoff", "at_height", "goal")
-        for stage in stages:
-            run_state.enter(stage)
+        vehicle = flying_vehicle(runner, run_state)
         if is_oracle:
             handlers = vars(judge)["_states"]["twin"]
             handlers.append(SimpleNamespace(__self__=judge.oracles[0]))
