@@ -7,7 +7,8 @@ the program starts: what it returns names its code as `module:name`, imported wh
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Literal
+from keyword import iskeyword
+from typing import Literal, get_args
 
 import pluggy
 
@@ -21,6 +22,19 @@ _hook = pluggy.HookspecMarker(PROJECT)
 
 HelpSection = Literal["start", "fly", "look", "operate"]
 """The sections of `wil-campaign --help`, in their order."""
+
+
+class _Option:
+    """What adds an option of a command: it has its name."""
+
+    __slots__ = ()
+    name: str
+
+    def __post_init__(self) -> None:
+        """Raise ValueError for a name that an option cannot have."""
+        if not self.name.isidentifier() or iskeyword(self.name):
+            text = "is no name of an option: one word of letters, digits and _"
+            raise ValueError(f"{self.name!r} {text}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,6 +54,11 @@ class Command:
     section: HelpSection = "look"
     flies: bool = False
 
+    def __post_init__(self) -> None:
+        """Raise ValueError for a section that the help does not have."""
+        if self.section not in (known := get_args(HelpSection)):
+            raise ValueError(f"section is {self.section!r}, not {', '.join(known)}")
+
 
 @dataclass(frozen=True, slots=True)
 class CampaignKey:
@@ -58,7 +77,7 @@ class CampaignKey:
 
 
 @dataclass(frozen=True, slots=True)
-class LiveView:
+class LiveView(_Option):
     """A live view of runs in flight, which `wil-campaign run` opens beside them by an option.
 
     name: the option, which takes an address. help: of the option. beside: a function of the
@@ -128,7 +147,7 @@ class VehicleDriver:
 
 
 @dataclass(frozen=True, slots=True)
-class VehicleCheck:
+class VehicleCheck(_Option):
     """A check of the vehicle at a link, by an option of `wil-campaign doctor`.
 
     name: the option. check: a function of the link, or None, and of the keywords `arm_real`
@@ -161,7 +180,7 @@ class OperatorChannel:
 
 
 @dataclass(frozen=True, slots=True)
-class RunOption:
+class RunOption(_Option):
     """An option of `wil-campaign run` that sets a key of the campaign, as --set does.
 
     name: the option, which takes the value. key: the key, dotted. help: of the option.
@@ -188,7 +207,7 @@ class Announcer:
 
 
 @dataclass(frozen=True, slots=True)
-class ProblemFormat:
+class ProblemFormat(_Option):
     """A format of the faults of files, which `validate` writes by an option, also without any.
 
     name: the option, which takes a file. text: a function of the problems and of the warnings,
@@ -384,7 +403,7 @@ class RunSection:
 
 
 @dataclass(frozen=True, slots=True)
-class ReportImage:
+class ReportImage(_Option):
     """A picture of a run, which `wil-campaign report` writes by an option.
 
     name: the option. write: a function of the results folder and of the run's name ("" for the one
@@ -485,7 +504,7 @@ class Starter:
 
 
 @dataclass(frozen=True, slots=True)
-class StarterOption:
+class StarterOption(_Option):
     """An option of `wil-campaign init`, which changes what the template gives.
 
     name: the option. files: a function of the template's texts by name, which returns those of the

@@ -183,7 +183,7 @@ def loaded_additions(hook: Callable[[], Sequence[Addition]], field: str) -> Mapp
             continue
         try:
             found[addition.name] = load_plugin_object(place)
-            _require_name(found[addition.name], addition.name)
+            _require_name(found[addition.name], addition)
         except (Exception, SystemExit) as error:
             message = f"{hook.__name__}(): {place} cannot be used: {_words(error)}"
             raise _fault(plugin, _registered()[1][plugin], message) from error
@@ -196,12 +196,24 @@ def _require_kind(found: Sequence[object], kind: type) -> None:
         raise TypeError(f"it gives {', '.join(sorted(others))}, not {kind.__name__}")
 
 
-def _require_name(part: Any, name: str) -> None:
+def require_derived(given: object, base: type, what: str) -> None:
+    """Raise TypeError where what the part of a plugin has is no class derived from a base."""
+    if not (isinstance(given, type) and issubclass(given, base)):
+        name = getattr(given, "__name__", repr(given))
+        raise TypeError(f"{what}: {name} is not derived from {base.__name__}")
+
+
+def _require_name(part: Any, addition: NamedAddition) -> None:
     """Raise ValueError for a part, or one of several, with another name than its hook says.
 
-    Raises TypeError for an abstract class.
+    Raises TypeError for an abstract class, and for what has no name.
     """
+    name, kind = addition.name, type(addition).__name__
     for each in part if isinstance(part, tuple) else (part,):
+        if not hasattr(each, "name"):
+            given = getattr(type(each), "__name__", "")
+            says = f"wil_campaign.hooks.{kind} says what it has to be"
+            raise TypeError(f"a {given} has no name: {says}")
         if lacks := getattr(each, "__abstractmethods__", ()):
             raise TypeError(f"it lacks {', '.join(sorted(lacks))}")
         if each.name != name:
@@ -239,6 +251,14 @@ def plugin_of_module(module: str) -> str:
     outermost = {one.__name__: name for name, one in third_party_modules().items()}
     name = outermost.get(module.partition(".")[0], "")
     return f"plugin {name} ({third_party_plugins()[name]})" if name else ""
+
+
+def plugin_that_adds(hook: Callable[[], Sequence[NamedAddition]], name: str) -> str:
+    """Return the plugin of another distribution that adds a name, with it; "" for none."""
+    for plugin, addition in _additions(hook):
+        if addition.name == name and plugin in third_party_plugins():
+            return f"plugin {plugin} ({third_party_plugins()[plugin]})"
+    return ""
 
 
 def plugin_at_fault(error: BaseException) -> str:
@@ -357,15 +377,35 @@ def _register_others(manager: pluggy.PluginManager) -> dict[str, str]:
             with redirect_stdout(sys.stderr):  # what a command prints may be a document
                 plugin = point.load()
             manager.register(plugin, point.name)
-            manager.check_pending()
+            _require_known_hooks(manager)
         except (Exception, SystemExit) as error:
             raise _fault(point.name, origin, f"cannot be used: {_words(error)}") from error
         origins[point.name] = origin
     return origins
 
 
+def _require_known_hooks(manager: pluggy.PluginManager) -> None:
+    """Raise UnknownHookError for a function under `implements` that is of no hook."""
+    known = {name: one for name, one in vars(manager.hook).items() if not name.startswith("_")}
+    for name, hook in known.items():
+        if not hook.has_spec():
+            from difflib import get_close_matches  # noqa: PLC0415 - seldom used
+
+            near = get_close_matches(
+                name, [other for other, one in known.items() if one.has_spec()]
+            )
+            hint = f"did you mean {near[0]!r}?" if near else "wil_campaign.hooks has them all"
+            raise UnknownHookError(f"there is no hook {name!r}; {hint}")
+
+
+class UnknownHookError(Exception):
+    """A plugin has a function of no hook; the message says which is meant."""
+
+
 def _words(error: BaseException) -> str:
     """Return an exception in one line."""
+    if isinstance(error, UnknownHookError):
+        return str(error)
     if text := needed_plugin_text("it", error):
         return text
     return f"{type(error).__name__}: {' '.join(str(error).split())}"

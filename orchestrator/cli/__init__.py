@@ -19,7 +19,14 @@ from cyclopts import App, CycloptsError, Group, MissingArgumentError, Parameter
 
 from wil_campaign import hooks
 from wil_campaign.hooks import Command, HelpSection
-from wil_campaign.installed_plugins import absent_additions, needed_plugin_text, plugin_additions
+from wil_campaign.installed_plugins import (
+    absent_additions,
+    needed_plugin_text,
+    plugin_additions,
+    plugin_at_fault,
+    plugin_that_adds,
+    whose_fault_text,
+)
 from wil_campaign.orchestrator.cli.standard_streams import (
     StreamError,
     repair_standard_streams,
@@ -174,13 +181,17 @@ def _import_module(command: Command | None) -> None:
 
     Imported objects stay: collections that scan them repeatedly take a sixth of the time.
     """
-    module = "" if command is None else command.function.partition(":")[0]
-    if not module:
+    if command is None or not command.function:
         return
+    module = command.function.partition(":")[0]
     collects = gc.isenabled()
     gc.disable()
     try:
         importlib.import_module(module)
+    except Exception as error:
+        if plugin := plugin_that_adds(hooks.commands, command.name):
+            error.add_note(f"(command {command.name}){whose_fault_text(plugin)}")
+        raise
     finally:
         gc.freeze()
         if collects:
@@ -301,6 +312,9 @@ def _report_failure(error: BaseException) -> int:
         return INTERNAL_ERROR
     notes = getattr(error, "__notes__", ())
     message = " ".join([f"internal error: {type(error).__name__}: {error}", *notes])
+    with suppress(BadInput):  # of a plugin that cannot be used
+        plugin = plugin_at_fault(error)
+        message += "" if plugin in message else whose_fault_text(plugin)
     try:
         with tempfile.NamedTemporaryFile(
             "w", prefix="wil-campaign-", suffix=".log", delete=False, encoding="utf-8"

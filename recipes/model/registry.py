@@ -14,7 +14,7 @@ from pydantic import model_validator
 
 from wil_campaign.foundation.files.documents import Part, Path, closest_word
 from wil_campaign.hooks import recipe_steps
-from wil_campaign.installed_plugins import loaded_additions
+from wil_campaign.installed_plugins import loaded_additions, require_derived
 from wil_campaign.recipes.working import Built, Need, Side
 from wil_campaign.vehicles.readings import sensor_names
 from wil_campaign.vehicles.readings.kinds import traits_named
@@ -166,7 +166,19 @@ def step(
     parameters: type[P],
     gives: Mapping[str, str] | None = None,
 ) -> Callable[[Callable[[P, StepContext], B]], StepType]:
-    """Return a decorator that makes a function the step of this name (`StepType`)."""
+    """Return a decorator that makes a function the step of this name (`StepType`).
+
+    The function gets the step's parameters and a `StepContext`, once for each recipe, and returns
+    what is called with each reading: of a transform and a filter a function of this side's and the
+    other's `Masked` (or None), which returns a `Masked` or a reading; of a merge one of a mapping
+    of both sides. sensors: the types that it works on; () for all. parameters: derived from
+    `SidedParameters`, of a merge from `StepParameters`. Raises TypeError, ValueError.
+    """
+    if stage not in STAGES:
+        raise ValueError(f"step {name!r}: stage is {stage!r}, not one of {', '.join(STAGES)}")
+    if isinstance(sensors, str):
+        raise TypeError(f"step {name!r}: sensors is {sensors!r}, not ({sensors!r},)")
+    require_derived(parameters, StepParameters, f"step {name!r}")
 
     def make(build: Callable[[P, StepContext], B]) -> StepType:
         summary = (build.__doc__ or "").partition("\n")[0].strip()

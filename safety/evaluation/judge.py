@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypeVar
 
+from wil_campaign.installed_plugins import plugin_of_module, whose_fault_text
 from wil_campaign.safety.evaluation.oracle_answers import checked_flags, checked_result
 from wil_campaign.safety.evidence.evidence import Evidence
 from wil_campaign.safety.model.oracle_results import EvidenceResult, Flag, OracleResult
@@ -433,10 +434,12 @@ def _result_of(oracle: Oracle, t_s: float) -> OracleResult:
 
 
 def _note_oracle(error: Exception, oracle: Oracle) -> None:
-    """Add to an exception which oracle raised it, and where."""
+    """Add to an exception which oracle raised it, and where, or returned what is no answer."""
     last = traceback.extract_tb(error.__traceback__)[-1]
-    place = f"{Path(last.filename).name} line {last.lineno}"
-    error.add_note(f"(oracle {oracle.name!r} of {oracle.vehicle}, {place})")
+    is_answer = last.filename == checked_result.__code__.co_filename
+    place = "" if is_answer else f", {Path(last.filename).name} line {last.lineno}"
+    whose = whose_fault_text(plugin_of_module(type(oracle).__module__))
+    error.add_note(f"(oracle {oracle.name!r} of {oracle.vehicle}{place}){whose}")
 
 
 def _overrides(oracle: Oracle, method: str) -> bool:

@@ -41,6 +41,8 @@ def checked_result(oracle: Oracle, result: Any) -> OracleResult:
 
 def checked_flags(flags: Iterable[Any]) -> list[Flag]:
     """Return the flags of an oracle, perhaps of a plugin. Raises TypeError, ValueError."""
+    if not isinstance(flags, Iterable):
+        raise TypeError(f"it returned a {type(flags).__name__}, not a sequence of flags")
     found = list(flags)
     for flag in found:
         if not isinstance(flag, Flag) or not isinstance(flag.text, str):

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Literal, get_args
 
 from wil_campaign.foundation.files.documents import Data
+from wil_campaign.installed_plugins import plugin_of_module, require_derived, whose_fault_text
 from wil_campaign.safety.model.oracle_results import Flag, Limit, OracleResult
 from wil_campaign.safety.model.samples import (
     FenceSample,
@@ -295,11 +296,19 @@ class OracleSpec:
             fail_fast=fail_fast and required,
         )
         try:
-            return self.factory(terms, parameters, context)
+            return _checked(self.factory(terms, parameters, context))
         except Exception as error:
             if not isinstance(error, OracleError):
-                error.add_note(f"(oracle {name!r}, made by {self.factory.__module__})")
+                module = self.factory.__module__
+                whose = whose_fault_text(plugin_of_module(module))
+                error.add_note(f"(oracle {name!r}, made by {module}){whose}")
             raise
+
+
+def _checked(made: Any) -> Oracle:
+    if not isinstance(made, Oracle):
+        raise TypeError(f"gave {type(made).__name__}, not an Oracle")
+    return made
 
 
 def oracle(
@@ -317,7 +326,13 @@ def oracle(
     without_world: Callable[[Any], tuple[str, ...]] | None = None,
     signals: Callable[[], Mapping[str, tuple[str, str]]] = dict,
 ) -> Callable[[Factory], OracleSpec]:
-    """Return a decorator that makes a factory of oracles a kind of oracle (`OracleSpec`)."""
+    """Return a decorator that makes a factory of oracles a kind of oracle (`OracleSpec`).
+
+    The factory gets the oracle's terms (its name, vehicle and window), the keys of the file, and an
+    `OracleContext` of the vehicle and its world; it returns an oracle for that vehicle. parameters:
+    those keys, derived from `Windowed`. Raises TypeError for another class.
+    """
+    require_derived(parameters, OracleParameters, f"oracle {name!r}")
 
     def make(factory: Factory) -> OracleSpec:
         return OracleSpec(

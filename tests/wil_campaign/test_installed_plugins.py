@@ -148,6 +148,7 @@ def start(campaign, options, cleared, **_):
     yield cleared
 """
 Install = Callable[[str], None]
+PLUGIN = "plugin sonar (wil-sonar 1.2)"
 
 
 def put_distribution(folder: Path, name: str, point: str, files: Mapping[str, str]) -> None:
@@ -336,6 +337,49 @@ def ping(link, *, arm_real, results, as_json):
     print("pinged", link, arm_real, results, as_json)
     return 1
 """
+
+
+def test_a_command_of_a_plugin_that_fails_is_named(
+    install: Install, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """It was an internal error of the program alone."""
+    install(SONAR.replace("return 5", 'raise OSError("no water")'))
+    assert main(["ping"]) == 3
+    said = capsys.readouterr().err.splitlines()[0]
+    assert said == f"internal error: OSError: no water; {PLUGIN}: mend it, or uninstall it"
+
+
+def test_a_command_of_a_plugin_that_cannot_be_imported_is_named(
+    install: Install, capsys: pytest.CaptureFixture[str]
+) -> None:
+    install(SONAR.replace('"wil_sonar:ping"', '"wil_sonra:ping"'))
+    assert main(["ping"]) == 3
+    said = "internal error: ModuleNotFoundError: No module named 'wil_sonra' (command ping)"
+    assert capsys.readouterr().err.startswith(f"{said}; {PLUGIN}: mend it, or uninstall it")
+
+
+@pytest.mark.parametrize("name", ["my-view", "my view", "class", ""])
+def test_a_live_view_whose_name_is_no_word_is_named(tmp_path: Path, name: str) -> None:
+    """It was an internal error of every `run`."""
+    source = ONE_FILE.replace('"window"', f'"{name}"')
+    put_distribution(tmp_path, "sonar", "wil_sonar", {"wil_sonar.py": source})
+    shown = fly(["--help"], tmp_path)
+    assert shown.returncode == 2
+    said = (
+        f"{PLUGIN}: live_views() fails: ValueError: {name!r} is no name of an option: one word of"
+    )
+    assert shown.stderr.startswith(f"{said} letters, digits and _; mend it, or uninstall it")
+
+
+@pytest.mark.parametrize("name", ["mode", "out", "no_arm", "json", "broker"])
+def test_a_live_view_with_the_name_of_an_option_of_run_is_named(tmp_path: Path, name: str) -> None:
+    """It took the option's place, or was not there, without a word."""
+    source = ONE_FILE.replace('"window"', f'"{name}"')
+    put_distribution(tmp_path, "sonar", "wil_sonar", {"wil_sonar.py": source})
+    shown = fly(["--help"], tmp_path)
+    assert shown.returncode == 2
+    said = f"plugin sonar (wil-sonar 1.2): live_views(): '{name}' is there already; mend it, or"
+    assert shown.stderr.startswith(said)
 
 
 def test_a_check_of_another_distribution_is_an_option_of_doctor(
@@ -771,6 +815,26 @@ def test_a_plugin_of_one_file_flies_in_the_gate(
         (('"calm", "wil', '"quiet", "wil'), "it is named 'calm', not 'quiet'; mend it"),
         (('"calm"', '"collision"'), "oracles(): 'collision' is there already; mend it"),
         (('"dim"', '"resize"'), "recipe_steps(): 'resize' is there already; mend it"),
+        (
+            ('@oracle("calm", "climbs and sinks no faster than max_m_s", CalmParameters)', ""),
+            "a function has no name: wil_campaign.hooks.OracleKind says what it has to be; mend",
+        ),
+        (
+            ("CalmParameters(Windowed)", "CalmParameters"),
+            "oracle 'calm': CalmParameters is not derived from OracleParameters; mend it",
+        ),
+        (
+            ('stage="transform"', 'stage="transfrom"'),
+            "step 'dim': stage is 'transfrom', not one of transform, filter, merge; mend it",
+        ),
+        (
+            ('("camera",)', '("camera")'),
+            "step 'dim': sensors is 'camera', not ('camera',); mend it",
+        ),
+        (
+            ("DimParameters(SidedParameters)", "DimParameters"),
+            "step 'dim': DimParameters is not derived from StepParameters; mend it",
+        ),
     ],
 )
 def test_a_part_that_cannot_be_used_is_named_once(
@@ -793,7 +857,7 @@ def test_a_part_that_cannot_be_used_is_named_once(
         ),
         (
             SONAR.replace("def commands", "def comands"),
-            "cannot be used: PluginValidationError: ",
+            "cannot be used: there is no hook 'comands'; did you mean 'commands'?; mend it, or ",
         ),
         (
             SONAR.replace("return (Command", "return (1 / 0, Command"),
@@ -829,6 +893,10 @@ def test_a_part_that_cannot_be_used_is_named_once(
             "commands() fails: SystemExit: None; mend it, or ",
         ),
         (
+            SONAR.replace('"Send a ping.")', '"Send a ping.", "nowhere")'),
+            "commands() fails: ValueError: section is 'nowhere', not start, fly, look, operate; ",
+        ),
+        (
             SONAR.replace(
                 'return (Command("ping", "wil_sonar:ping", "Send a ping."),', "return (7,"
             ),
@@ -837,7 +905,7 @@ def test_a_part_that_cannot_be_used_is_named_once(
     ],
     ids=[
         *("import", "hook", "fails", "core's", "plugin's", "key", "plugin's key"),
-        *("autonomy's key", "autopilot", "exits", "hook exits", "other kind"),
+        *("autonomy's key", "autopilot", "exits", "hook exits", "section", "other kind"),
     ],
 )
 def test_a_plugin_that_cannot_be_used_is_named(

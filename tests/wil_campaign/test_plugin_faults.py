@@ -10,7 +10,9 @@ import pytest
 
 from tests.orchestrator.hover import write_hover
 from tests.recipes.samples import camera, plain
-from tests.wil_campaign.test_installed_plugins import fly, forget_plugins, put_distribution
+from tests.test_house import ROOT
+from tests.wil_campaign.test_installed_plugins import PLUGIN, fly, forget_plugins, put_distribution
+from wil_campaign.orchestrator.cli import main
 from wil_campaign.recipes.language.recipe_files import load_recipe_file
 from wil_campaign.recipes.pipeline.pipeline import Mixer, compile_recipe
 from wil_campaign.recipes.working import StepError
@@ -232,3 +234,106 @@ def test_a_plugin_s_sensor_that_fails_is_named(
     fly([str(file), "--repetitions", "1", "--out", str(out)], tmp_path)
     (result,) = (json.loads(path.read_text()) for path in out.glob("**/result.json"))
     assert (result["verdict"], result["reason"]) == (verdict, said)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (
+            ("(SensorOptions)", ""),
+            "sensor 'sonar': SonarOptions is not derived from SensorOptions",
+        ),
+        (
+            ("(NumbersReading)", ""),
+            "sensor 'sonar': SonarReading lacks the stamps of a NumbersReading",
+        ),
+        (
+            ("@dataclass(frozen=True, slots=True, kw_only=True)\n", ""),
+            "sensor 'sonar': SonarReading is no dataclass of its own",
+        ),
+    ],
+)
+def test_a_plugin_s_type_of_sensors_that_does_not_fit_is_refused(
+    install: Install, capsys: pytest.CaptureFixture[str], change: tuple[str, str], said: str
+) -> None:
+    """It was an internal error, or an ERROR of a vehicle that had armed."""
+    install(SENSOR.replace(*change))
+    assert main(["validate", str(ROOT / "campaigns" / "gate.yaml")]) == 2
+    said = f"{PLUGIN}: cannot be used: TypeError: {said}; mend it, or uninstall it"
+    assert capsys.readouterr().err.startswith(said)
+
+
+ORACLE = """
+from wil_campaign.api import LimitOracle, Windowed, oracle
+from wil_campaign.hooks import OracleKind, implements
+
+
+@implements
+def oracles():
+    return [OracleKind("calm", "wil_sonar:calm")]
+
+
+class CalmParameters(Windowed):
+    how: str
+
+
+class Calm(LimitOracle):
+    def __init__(self, terms, how):
+        super().__init__(terms, unit="m", limit=9.0)
+        self.how = how
+
+    def on_pose(self, sample):
+        if self.how == "true":
+            return True
+        return self.judge_margin(sample.t_s, 1.0, 8.0, lambda: "")
+
+    def result(self, t_s):
+        return None if self.how == "nothing" else super().result(t_s)
+
+
+@oracle("calm", "is calm", CalmParameters)
+def calm(terms, parameters, context):
+    if parameters.how == "unbuilt":
+        raise ValueError("no wind")
+    return None if parameters.how == "unmade" else Calm(terms, parameters.how)
+"""
+OF_TWIN = "(oracle 'calm' of twin)"
+
+
+@pytest.mark.parametrize(
+    ("how", "said"),
+    [
+        ("true", f"in flight: TypeError: it returned a bool, not a sequence of flags {OF_TWIN}"),
+        (
+            "nothing",
+            f"the result: TypeError: its result is a NoneType, not an OracleResult {OF_TWIN}",
+        ),
+    ],
+)
+def test_a_plugin_s_oracle_that_returns_what_is_no_answer_is_named(
+    tmp_path: Path, how: str, said: str
+) -> None:
+    """A line of the program's own file was blamed, and no plugin."""
+    put_distribution(tmp_path, "sonar", "wil_sonar", {"wil_sonar.py": ORACLE})
+    file, out = write_hover(tmp_path), tmp_path / "out"
+    words = ["--repetitions", "1", "--out", str(out), "--set", f"oracles.calm={{how: '{how}'}}"]
+    assert fly([str(file), *words], tmp_path).returncode == 3
+    (result,) = (json.loads(path.read_text()) for path in out.glob("**/result.json"))
+    assert (result["verdict"], result["reason"]) == ("ERROR", said + NAMED)
+
+
+@pytest.mark.parametrize(
+    ("how", "said"),
+    [
+        ("unbuilt", "ValueError: no wind (oracle 'calm', made by wil_sonar)"),
+        ("unmade", "TypeError: gave NoneType, not an Oracle (oracle 'calm', made by wil_sonar)"),
+    ],
+)
+def test_a_plugin_s_oracle_that_cannot_be_made_is_named(
+    tmp_path: Path, how: str, said: str
+) -> None:
+    put_distribution(tmp_path, "sonar", "wil_sonar", {"wil_sonar.py": ORACLE})
+    file = write_hover(tmp_path)
+    shown = fly([str(file), "--set", f"oracles.calm={{how: '{how}'}}"], tmp_path)
+    assert shown.returncode == 3
+    assert shown.stderr.startswith(f"internal error: {said}{NAMED}")

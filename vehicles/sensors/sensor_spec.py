@@ -6,14 +6,14 @@ One file has all of a type that is numbers alone: docs/plugins.md shows one.
 import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Annotated, Any, ClassVar, Protocol
 
 import numpy as np
 from pydantic import Field
 
 from wil_campaign.foundation.files.documents import Part
-from wil_campaign.installed_plugins import plugin_of_module, whose_fault_text
+from wil_campaign.installed_plugins import plugin_of_module, require_derived, whose_fault_text
 from wil_campaign.vehicles.readings import Reading, Source
 from wil_campaign.vehicles.readings.traits import NUMBERS, ReadingTraits
 from wil_campaign.vehicles.sensors.beams import BeamFan, RayCaster
@@ -140,6 +140,15 @@ class SensorSpec:
     fault: Callable[[Any], str] | None = None
     traits: ReadingTraits = NUMBERS
     mavlink: str = ""
+
+    def __post_init__(self) -> None:
+        """Raise TypeError for a class of another form."""
+        what = f"sensor {self.name!r}"
+        require_derived(self.options, SensorOptions, what)
+        if "__dataclass_fields__" not in vars(self.reading):
+            raise TypeError(f"{what}: {self.reading.__name__} is no dataclass of its own")
+        if not {"t_s", "arrived_s", "seq", "source"} <= {one.name for one in fields(self.reading)}:
+            raise TypeError(f"{what}: {self.reading.__name__} lacks the stamps of a NumbersReading")
 
 
 class NamedSensor:
