@@ -35,6 +35,7 @@ def campaign_caveats(runs: Sequence[RunResult]) -> list[str]:
     lines += [f"virtual object never in view: {text}" for text in unseen_texts(runs)]
     lines += [f"never moved while the goal was flown: {text}" for text in unmoved_texts(runs)]
     lines += [f"slower than real time: {text}" for text in slow_texts(runs)]
+    lines += [f"live view ended early: {text}" for text in view_texts(runs)]
     return lines
 
 
@@ -203,6 +204,11 @@ def slow_texts(runs: Sequence[RunResult]) -> list[str]:
         (_slow_text(worst[slow_autonomy.vehicle, run.case, run.mode]), run)
         for slow_autonomy, run in found
     )
+
+
+def view_texts(runs: Sequence[RunResult]) -> list[str]:
+    """Return which live views ended early, and why; no verdict depends on them."""
+    return _in_runs((text, run) for run in runs for text in run.views_ended)
 
 
 def _slow_text(one: SlowAutonomy) -> str:

@@ -23,6 +23,7 @@ _ADDED: Mapping[str, object] = {
     "unmoved": (),
     "no_retry": "",
     "slow": (),
+    "views_ended": (),
     "code": {},
     "firmware": (),
     "evidence_files": {},

@@ -230,7 +230,8 @@ class RunResult:
     objects of the world. losses: messages missing in run.mcap, by topic. before_arming: the steps
     before arming, in order. unmoved: objects of the judged world with a motion that stood still
     until the autonomy was done. no_retry: why the run is not flown again although it is ERROR,
-    INVALID or ABORTED; empty where it may be. slow: autonomies slower than real time. code: the
+    INVALID or ABORTED; empty where it may be. slow: autonomies slower than real time. views_ended:
+    live views that ended early, and why; the verdict does not depend on them. code: the
     user's own Python files that the run imported, relative to the campaign file, with SHA-256.
     firmware: of the vehicles that identified themselves; empty in results of earlier versions.
     evidence_files: those on which the verdict rests, as the flight wrote them, with SHA-256; empty
@@ -270,6 +271,7 @@ class RunResult:
     unmoved: tuple[str, ...] = ()
     no_retry: str = ""
     slow: tuple[SlowAutonomy, ...] = ()
+    views_ended: tuple[str, ...] = ()
     code: Mapping[str, str] = field(default_factory=dict)
     firmware: tuple[FlownFirmware, ...] = ()
     evidence_files: Mapping[str, str] = field(default_factory=dict)

@@ -38,8 +38,7 @@ async def conduct_flight(run: FlightParts) -> None:
         _record_events(run, context)
     for context in run.pair.actors:
         _record_events(run, context)
-    for feed in run.feeds:
-        feed.attach(run.pair.contexts, run.oracle_runner, run.perception)
+    run.feeds.attach(run.pair.contexts, run.oracle_runner, run.perception)
     run.pair.guard.on_event(lambda event: _receive_guard_event(run, event))
     # Autopilots set their local origin anew at arming.
     run.run_state.on_stage(lambda stage, _: run.pair.send_anchors() if stage == "takeoff" else None)
@@ -170,13 +169,13 @@ async def _fly_pair_stages(run: FlightParts) -> None:
 def _receive_guard_event(run: FlightParts, event: GuardEvent) -> None:
     """Record a guard event in the run, and decide the run by it if it is decisive.
 
-    One that raises, such as a plugin's live feed, keeps it from neither the others nor the run.
+    A listener that raises keeps it from neither the others nor the run.
     """
     for listener in (
         run.recorder.guard_event,
         run.operator_hold.receive,
         run.reporter.guard,
-        *(feed.guard for feed in run.feeds),
+        run.feeds.guard,
     ):
         with _LISTENER:
             listener(event)
@@ -217,8 +216,7 @@ async def _record(run: FlightParts) -> None:
 
     def alive() -> None:
         sign()
-        for feed in run.feeds:
-            feed.tick()
+        run.feeds.tick()
 
     await run.recorder.follow(run.pair.contexts, run.run_state, alive)
 

@@ -138,6 +138,7 @@ class FlownRun:
                     ),
                     actors=tuple(actor.result() for actor in ground.actors),
                     slow=_slow_autonomies(ground),
+                    views_ended=ground.feeds.ended,
                     firmware=flown_firmware(ground.contexts, self._setup),
                     events=ground.events,
                     end_s=end_s,

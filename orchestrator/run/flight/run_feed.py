@@ -8,16 +8,19 @@ from wil_campaign.orchestrator.run.judging.oracle_runner import OracleRunner
 from wil_campaign.orchestrator.run.perception.perception import Perception
 from wil_campaign.orchestrator.state.mixtures import PreviewImages
 from wil_campaign.orchestrator.state.run_setup import RunSetup
-from wil_campaign.orchestrator.state.run_state import RunState
+from wil_campaign.orchestrator.state.run_state import RunState, Stage
 from wil_campaign.orchestrator.state.vehicle_context import VehicleContext
 from wil_campaign.safety.guard.core.events import GuardEvent
 from wil_campaign.safety.model.oracle_results import Flag
+from wil_campaign.safety.model.verdict import DecisiveEvent
+from wil_campaign.vehicles.driver.vehicle_state import VehicleEvent
 from wil_campaign.worlds.scene.track import RunHistory
 
 
 class RunFeed(AbstractContextManager["RunFeed", None]):
-    """The live feed of one run; a context manager.
+    """The live feed of one run; a context manager. It never waits: its calls are of the flight.
 
+    One that raises is closed, and the flight goes on without it.
     name: of the live view. events: times of the world's events, which its moving objects depend on.
     epoch_ns: UTC of the run clock's zero. note: called with the reason when the feed ends early.
     """
@@ -53,3 +56,12 @@ class RunFeed(AbstractContextManager["RunFeed", None]):
 
     def guard(self, event: GuardEvent) -> None:
         """Publish an event of the guard."""
+
+    def stage(self, stage: Stage, t_s: float) -> None:
+        """Publish that the run has entered a stage."""
+
+    def decisive(self, event: DecisiveEvent) -> None:
+        """Publish an event that decides the run."""
+
+    def vehicle_event(self, name: str, event: VehicleEvent) -> None:
+        """Publish an event of a vehicle that flies."""

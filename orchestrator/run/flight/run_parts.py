@@ -6,7 +6,7 @@ Builds the recorder of a run by the campaign's recording settings.
 import asyncio
 import math
 import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass, fields
 from functools import partial
@@ -21,6 +21,7 @@ from wil_campaign.orchestrator.recording.recording_facts import facts_of_run
 from wil_campaign.orchestrator.recording.run_recorder import RunRecorder
 from wil_campaign.orchestrator.recording.timestamps import VIRTUAL_EPOCH_S
 from wil_campaign.orchestrator.run.flight.lateness import MachineLateness, lateness_remedy
+from wil_campaign.orchestrator.run.flight.live_feeds import LiveFeeds
 from wil_campaign.orchestrator.run.flight.operator_handler import (
     OperatorHandler,
     operator_handler_of,
@@ -106,7 +107,7 @@ class GroundParts:
     reporter: RunProgressReporter
     preflight: PreflightChecks
     arming: ArmingRecord
-    feeds: tuple[RunFeed, ...]
+    feeds: LiveFeeds
     perception: Perception | None = None
     actors: tuple[ActorFlight, ...] = ()
     contexts: tuple[VehicleContext, ...] = ()
@@ -139,18 +140,19 @@ def ground_parts(
     reporter = RunProgressReporter(
         plan=setup.order.plan, report=report, run_state=run_state, kinds=kinds
     )
-    feeds: list[RunFeed] = [
-        streams.enter_context(
-            feed(
-                setup=setup,
-                run_state=run_state,
-                events=events,
-                epoch_ns=recorder.epoch_ns,
-                note=lambda text: recorder.note("live feed", fault=text),
-            )
+    feed = partial(
+        _feed, setup=setup, run_state=run_state, events=events, epoch_ns=recorder.epoch_ns
+    )
+    feeds = streams.enter_context(
+        LiveFeeds(
+            {
+                name: partial(feed, kind)
+                for name, kind in loaded_additions(live_views, "feed").items()
+            },
+            run_state,
+            log=lambda text: recorder.note("live feed", fault=text),
         )
-        for feed in loaded_additions(live_views, "feed").values()
-    ]
+    )
     external_io = ExternalIo(
         setup=setup, events=events, note=lambda text: recorder.note("motion capture", text=text)
     )
@@ -161,7 +163,7 @@ def ground_parts(
         flag_watchers=(
             recorder.flag,
             reporter.flag,
-            *(feed.flag for feed in feeds),
+            feeds.flag,
             partial(_contact, external_io, kinds),
         ),
         log_sample=recorder.judged,
@@ -179,7 +181,7 @@ def ground_parts(
         reporter=reporter,
         preflight=PreflightChecks(setup=setup, note=recorder.note),
         arming=ArmingRecord(now=asyncio.get_running_loop().time, note=recorder.note),
-        feeds=tuple(feeds),
+        feeds=feeds,
     )
 
 
@@ -349,6 +351,11 @@ def _world_event(recorder: RunRecorder, pair: VehiclePair, name: str, t_s: float
     pair.notify(name, t_s)
 
 
+def _feed(kind: type[RunFeed], note: Callable[[str], None], **facts: Any) -> RunFeed:
+    """Return a live feed of the run; note: receives why it ends early."""
+    return kind(note=note, **facts)
+
+
 def _moment(
     events: dict[str, float], notify: Callable[[str, float], None], stage: Stage, t_s: float
 ) -> None:
@@ -359,7 +366,7 @@ def _moment(
 
 
 def _watchers(
-    recorder: RunRecorder, external_io: ExternalIo, feeds: Iterable[RunFeed]
+    recorder: RunRecorder, external_io: ExternalIo, feeds: LiveFeeds
 ) -> PerceptionWatchers:
     """Return the run's watchers of perception: recorder, external I/O, live feeds."""
 
@@ -369,8 +376,7 @@ def _watchers(
 
     def take_preview(images: PreviewImages) -> None:
         recorder.shown(images)
-        for feed in feeds:
-            feed.shown(images)
+        feeds.shown(images)
 
     return PerceptionWatchers(
         reading=take_reading,

@@ -63,8 +63,6 @@ class ConsoleFeed(RunFeed):
             },
             note=note,
         )
-        run_state.on_stage(self._stage)
-        run_state.on_decisive(self._decisive)
 
     def __enter__(self) -> Self:
         self._publisher.__enter__()
@@ -81,8 +79,6 @@ class ConsoleFeed(RunFeed):
     ) -> None:
         """Publish the state of vehicles, oracles and perception from now on."""
         self._contexts, self._oracle_runner, self._perception = contexts, oracle_runner, perception
-        for context in contexts:
-            self._follow(context)
 
     def tick(self) -> None:
         """Publish the run's state if a console waits for it; called twenty times a second."""
@@ -101,28 +97,23 @@ class ConsoleFeed(RunFeed):
         """Publish an event of the guard."""
         self._publisher.event(event.t_s, "guard", event.kind, event.text, vehicle=event.vehicle)
 
+    def stage(self, stage: Stage, t_s: float) -> None:
+        """Publish that the run has entered a stage."""
+        self._publisher.event(t_s, "stage", stage, "")
+
+    def decisive(self, event: DecisiveEvent) -> None:
+        """Publish an event that decides the run."""
+        self._publisher.event(event.t_s, "decisive", event.kind, event.text)
+
+    def vehicle_event(self, name: str, event: VehicleEvent) -> None:
+        """Publish an event of a vehicle that flies."""
+        self._publisher.event(
+            event.t_s, "vehicle", event.kind, event.text, vehicle=name, severity=event.severity
+        )
+
     def _is_contact(self, flag: Flag) -> bool:
         kinds = {} if self._oracle_runner is None else self._oracle_runner.kinds
         return kinds.get(flag.oracle) == "collision"
-
-    def _follow(self, context: VehicleContext) -> None:
-        def take(event: VehicleEvent) -> None:
-            self._publisher.event(
-                event.t_s,
-                "vehicle",
-                event.kind,
-                event.text,
-                vehicle=context.name,
-                severity=event.severity,
-            )
-
-        context.driver.on_event(take)
-
-    def _stage(self, stage: Stage, t_s: float) -> None:
-        self._publisher.event(t_s, "stage", stage, "")
-
-    def _decisive(self, event: DecisiveEvent) -> None:
-        self._publisher.event(event.t_s, "decisive", event.kind, event.text)
 
     def _view(self) -> RunView:
         setup, run_state, now_s = self._setup, self._run_state, self._time()

@@ -239,7 +239,7 @@ def test_the_summary_has_the_fields_of_the_design() -> None:
         "case mode rep seed verdict reason also required duration_s wall_s oracles sync mixing"
         " collisions outside artifacts attempts preflight fence_changes evidence decided_by control"
         " not_judged note trace exceptions twin losses before_arming actors unmoved no_retry slow"
-        " code firmware evidence_files"
+        " views_ended code firmware evidence_files"
     )
     assert fields(run["oracles"][0]) == (
         "name vehicle required verdict actual limit unit margin at_s detail"

@@ -24,6 +24,7 @@ from wil_campaign.orchestrator.recording.mcap.mcap_chunks import RecordStream
 from wil_campaign.orchestrator.recording.mcap.mcap_file import ChunkedFile
 from wil_campaign.orchestrator.recording.run_video import make_video
 from wil_campaign.orchestrator.run.vehicles.pair import VehiclePair
+from wil_campaign.orchestrator.run_results.caveats import campaign_caveats
 from wil_campaign.orchestrator.run_results.run_result import RunResult
 from wil_campaign.orchestrator.state import run_log
 from wil_campaign.orchestrator.state.run_state import RunState, Stage
@@ -292,8 +293,31 @@ def test_a_live_feed_that_raises_hides_nothing_that_the_guard_decides(
     assert result.verdict == verdict, result.reason
     assert cause in result.reason
     assert all_landed(folder)
-    assert result.exceptions
-    assert all("cannot show" in text for text in result.exceptions)
+    assert result.exceptions == ()
+    (ended,) = result.views_ended
+    assert ended.startswith("console: RuntimeError: cannot show ")
+
+
+@pytest.mark.parametrize(
+    "call",
+    ["__init__", "__enter__", "__exit__", "attach", "tick", "shown", "stage", "vehicle_event"],
+)
+def test_a_live_feed_that_raises_ends_and_the_flight_goes_on(
+    fly_run: Fly, monkeypatch: pytest.MonkeyPatch, call: str
+) -> None:
+    """It made the run an ERROR, and landed both vehicles."""
+
+    def fail(*_: object, **__: object) -> None:
+        raise RuntimeError("no screen")
+
+    monkeypatch.setattr(ConsoleFeed, call, fail)
+    result, folder = fly_run(mode="sim", sets=BRIEF)
+    assert (result.verdict, result.exceptions) == ("PASS", ()), result.reason
+    assert result.views_ended == ("console: RuntimeError: no screen",)
+    (line,) = [line for line in log_of(folder) if line["event"] == "live feed"]
+    assert line["fault"] == "console: RuntimeError: no screen"
+    (caveat,) = [one for one in campaign_caveats([result]) if "view" in one]
+    assert caveat.startswith("live view ended early: console: RuntimeError: no screen")
 
 
 def test_motors_that_stop_in_the_air_of_a_landing_are_no_landing(fly_run: Fly) -> None:
