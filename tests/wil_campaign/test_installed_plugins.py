@@ -17,7 +17,8 @@ from tests.orchestrator.hover import WORLD, write_hover
 from tests.orchestrator.reading.flown_campaign import flights, write_flown
 from tests.safety.guard.remote_rigs import guard_config
 from tests.test_house import ROOT
-from wil_campaign import hooks, installed_plugins
+from wil_campaign import RecordedReading, Recording, hooks, installed_plugins
+from wil_campaign.api import Masked
 from wil_campaign.campaigns.schema import campaign_model
 from wil_campaign.campaigns.schema.autonomy import autonomy_model
 from wil_campaign.installed_plugins import (
@@ -996,7 +997,7 @@ def test_the_plugin_of_the_page_flies(
         path.relative_to(home).as_posix(): path.read_text("utf-8")
         for path in home.glob("wil_lab/*.py")
     }
-    assert len([line for source in files.values() for line in source.splitlines() if line]) <= 90
+    assert len([line for source in files.values() for line in source.splitlines() if line]) <= 130
     assert 'lab = "wil_lab.plugin"' in (home / "pyproject.toml").read_text("utf-8")
     page = (ROOT / "docs" / "plugins.md").read_text("utf-8")
     assert f"```python\n# wil_lab/plugin.py\n{files['wil_lab/plugin.py']}```" in page
@@ -1024,8 +1025,24 @@ def test_the_plugin_of_the_page_flies(
         campaign.write_text(text.replace(down, f"{down}, mag: {{type: magnetometer}}"))
         out = tmp_path / "out"
         words = ["--repetitions", "1", "--out", str(out)]
-        flown = fly([str(campaign), *words], tmp_path)
+        log = tmp_path / "logbook.jsonl"
+        flown = fly([str(campaign), *words, "--logbook", str(log)], tmp_path)
         assert flown.returncode == 0, flown.stderr
+        assert f"logbook: {log}" in flown.stdout.replace("\n", "")
+        assert log.exists()
+        (run,) = (path.parent for path in out.glob("**/result.json"))
+        assert main(["readings", str(run)]) == 0
+        assert int(capsys.readouterr().out) > 100
+        assert main(["readings", str(out)]) == 2
+        assert "has no run.mcap" in capsys.readouterr().out
+        step = next(one for one in registered_steps() if one.name == "bias")
+        reading = next(
+            one.reading
+            for one in Recording(run / "run.mcap")
+            if isinstance(one, RecordedReading) and one.sensor == "mag"
+        )
+        operate = step.build(step.parameters(north_ut=5.0), None)
+        assert operate(Masked(reading), None).reading.x_ut == reading.x_ut + 5.0
         (result,) = (json.loads(path.read_text()) for path in out.glob("**/result.json"))
         calm = next(one for one in result["oracles"] if one["name"] == "calm")
         assert (calm["verdict"], calm["limit"], calm["unit"]) == ("PASS", 3.0, "m/s")

@@ -22,7 +22,7 @@ Make = Callable[[Callable[[str], None]], RunFeed]
 class LiveFeeds(AbstractContextManager["LiveFeeds", None]):
     """The live feeds of one run; a context manager.
 
-    makers: by name of the view what makes its feed. log: receives why a feed has ended early. A feed
+    makers: by name of the view what makes its feed. log: receives why a feed has ended early. One
     that raises, even as it is made, is closed and told nothing more.
     """
 

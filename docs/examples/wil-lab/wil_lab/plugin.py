@@ -1,4 +1,12 @@
-from wil_campaign.hooks import OracleKind, SensorKind, SensorSource, implements
+from wil_campaign.hooks import (
+    Command,
+    LiveView,
+    OracleKind,
+    RecipeStep,
+    SensorKind,
+    SensorSource,
+    implements,
+)
 
 
 @implements
@@ -14,3 +22,18 @@ def sources():
 @implements
 def sensor_types():
     return [SensorKind("magnetometer", "wil_lab.magnetometer:MAGNETOMETER")]
+
+
+@implements
+def recipe_steps():
+    return [RecipeStep("bias", "wil_lab.extras:bias")]
+
+
+@implements
+def live_views():
+    return [LiveView("logbook", "wil_lab.extras:logbook", "FILE: write there what flies.")]
+
+
+@implements
+def commands():
+    return [Command("readings", "wil_lab.extras:readings", "Count the readings of a run.")]
