@@ -1,5 +1,6 @@
 """Measures in flight whether mixtures show the virtual objects where geometry has them."""
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -26,8 +27,10 @@ from wil_campaign.vehicles.sensors.depth import DEPTH_NOISES
 from wil_campaign.vehicles.sensors.noise_sets import NoiseSetName
 from wil_campaign.worlds.frames import IDENTITY, Pose, Quat, quat_multiply
 
-PERIOD_S = 0.2
-"""Period of measuring; after a wrong mixture the next one is measured too, to confirm it."""
+_SHORTEST_S, _LONGEST_S = 0.05, 0.2
+"""Time from one measured mixture to the next; after a wrong one the next is measured too, to
+confirm it."""
+_GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0
 _EARLY_S = 1e-6
 
 BodyPose = Callable[[float], Pose | None]
@@ -107,6 +110,7 @@ class VisibilityProbe:
         self._comparison = comparison
         self._views = views
         self._due_s = 0.0
+        self._count = 0
         self.coverage = VisibilityCoverage()
 
     def begin(self) -> None:
@@ -135,7 +139,8 @@ class VisibilityProbe:
     def _is_due(self, t_s: float) -> bool:
         if t_s < self._due_s - _EARLY_S and not self.coverage.is_suspect():
             return False
-        self._due_s = t_s + PERIOD_S
+        self._due_s = t_s + _waiting_s(self._count)
+        self._count += 1
         return True
 
     def _compare(self, real: Reading, mixed: Reading, body: Pose, t_s: float) -> FrameVisibility:
@@ -224,6 +229,15 @@ def visibility_comparison_of(sensor_type: str) -> VisibilityComparison | None:
     """Return how mixtures of a type of sensors are compared; None where they show no objects."""
     place = traits_named(sensor_type).visibility
     return load_plugin_object(place) if place else None
+
+
+def _waiting_s(count: int) -> float:
+    """Return the time until the next mixture is due, after so many measured ones.
+
+    It is irregular, as the quadratic phases of a number without good fractions are: what is wrong
+    in each second or third image could else be in none of the measured ones.
+    """
+    return _SHORTEST_S + (_LONGEST_S - _SHORTEST_S) * (count * count * _GOLDEN % 1.0)
 
 
 def _camera_pose(at: ReadingExposure) -> Pose:

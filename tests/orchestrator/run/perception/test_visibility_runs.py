@@ -71,6 +71,17 @@ def enlarge(work, other, *, by):
         for one in (work.reading.image_bgr, work.mask.astype(np.uint8))
     )
     return Masked(replace(work.reading, image_bgr=image), mask.astype(work.mask.dtype))
+
+
+class Seldom:
+    \"\"\"Keeps the object in one image of three.\"\"\"
+
+    def __init__(self, *, first):
+        self.count = -first
+
+    def __call__(self, work, other):
+        self.count += 1
+        return work if self.count % 3 == 0 else Masked(work.reading, np.zeros_like(work.mask))
 """
 ORANGE = "{isolate_color: {name: orange}}"
 OVERLAY = "{overlay: {priority: [twin, real]}}"
@@ -193,6 +204,18 @@ def test_a_mixture_that_shows_the_gate_in_another_size_is_invalid(invalid: Watch
     flown = invalid(recipe(f"{ORANGE}, {{use: 'own.py:enlarge', with: {{by: 1.5}}}}"))
     assert flown.run["reason"].startswith("mixing of camera: the mixture shows gate ")
     assert " px from its place at " in flown.run["reason"]
+
+
+@pytest.mark.parametrize("first", [0, 1, 2])
+def test_a_mixture_that_shows_the_gate_in_one_image_of_three_is_invalid(
+    watch: Watching, first: int
+) -> None:
+    """The measured mixtures were each third image of 15 a second: always those with the gate."""
+    steps = f"{ORANGE}, {{use: 'own.py:Seldom', with: {{first: {first}}}}}"
+    quick = [f"vehicles.{name}.sensors.camera.rate_hz=15" for name in ("real", "twin")]
+    flown = watch(recipe(steps), *quick, "recipe.sensors.camera.rate_hz=15")
+    assert flown.run["verdict"] == "INVALID"
+    assert "the mixture hardly showed gate" in flown.run["reason"]
 
 
 def test_a_late_whole_picture_is_invalid(invalid: Watching) -> None:
