@@ -100,6 +100,12 @@ class ActorProgress:
         return now_s - self._reached_s
 
 
+def _is_finite(sample: PoseSample) -> bool:
+    """Return whether all numbers of a pose are finite."""
+    numbers = (*sample.pose.position_ned_m, *sample.pose.q_wxyz, *sample.velocity_ned_m_s)
+    return all(math.isfinite(number) for number in numbers)
+
+
 def _distance_m(place: Vec3, begin: Vec3, end: Vec3) -> float:
     """Return the distance of a position from a straight segment."""
     along = subtract(end, begin)
@@ -149,6 +155,9 @@ class ActorFlight:
     _delay_s: float | None = None
     _offset_m: float = 0.0
     _last: PoseSample | None = None
+    _alive_s: float = -math.inf
+    """When its pose was last another one than before, or on the ground."""
+    _is_nowhere: bool = False
 
     def __post_init__(self) -> None:
         self._way = ActorWay(self.setup.motion)
@@ -276,6 +285,8 @@ class ActorFlight:
     def _why_invalid(self, started_s: float, now_s: float) -> str:
         """Return which limit the actor exceeds; empty for none. While it lands, it has no path."""
         limits, last = self.setup, self._last
+        if self._is_nowhere:
+            return "is at no place: its pose is not finite"
         if last is not None and not self.run_state.reached("land"):
             place_ned_m = last.pose.position_ned_m
             behind_s = self._progress.behind_s(place_ned_m, last.t_s - started_s)
@@ -287,6 +298,8 @@ class ActorFlight:
             return f"is {offset} m off its path (max_offset_m {limits.max_offset_m:g})"
         if last is None or now_s - last.t_s > limits.max_silence_s:
             return f"has sent no pose for {limits.max_silence_s:g} s (max_silence_s)"
+        if last.t_s - self._alive_s > limits.max_silence_s:
+            return f"has repeated one pose for {limits.max_silence_s:g} s (max_silence_s)"
         return ""
 
     def _invalidate(self, why: str) -> None:
@@ -294,11 +307,21 @@ class ActorFlight:
         self.run_state.decide("INVALID", reason, source=f"actor/{self.name}")
 
     def _observe(self, sample: PoseSample) -> None:
+        if not _is_finite(sample):
+            self._is_nowhere |= self._delay_s is not None
+            return
+        if self._last is None or sample.pose != self._last.pose or not self._is_aloft(sample):
+            self._alive_s = sample.t_s
         self._last = sample
         if self._delay_s is not None and not self.run_state.reached("land"):
-            off_m = self._way.distance_m(sample.pose.position_ned_m)
-            self._offset_m = max(self._offset_m, off_m if math.isfinite(off_m) else math.inf)
+            self._offset_m = max(self._offset_m, self._way.distance_m(sample.pose.position_ned_m))
         self.report_pose(sample)
+
+    def _is_aloft(self, sample: PoseSample) -> bool:
+        """Return whether the actor is off the ground, where no sound pose is equal to the last."""
+        ground_ned_m = self.setup.motion.begin.position_ned_m
+        height_m = ground_ned_m[2] - sample.pose.position_ned_m[2]
+        return self._delay_s is not None and height_m > _OFF_GROUND_M
 
     async def _land(self) -> None:
         driver = self.context.driver

@@ -1,6 +1,7 @@
 """Runs in which a vehicle of its own flies as the intruder of the world."""
 
 import asyncio
+import math
 from collections.abc import Callable
 from dataclasses import asdict, replace
 from types import SimpleNamespace
@@ -136,8 +137,13 @@ MOTION = ObjectMotion(
 )
 
 
-async def _watched(stops_s: float, silent_s: float, land_s: float) -> list[DecisiveEvent]:
-    """Watch an actor that repeats its place from one time on, and is silent from another on."""
+async def _watched(
+    stops_s: float, silent_s: float, land_s: float, spoil: Callable[[float, Pose], Pose]
+) -> list[DecisiveEvent]:
+    """Watch an actor that stays in its place from one time on, and is silent from another on.
+
+    spoil: what it reports at a time in place of its pose.
+    """
     loop = asyncio.get_running_loop()
     t0_s = loop.time()
     run_state = RunState(time=loop.time)
@@ -186,13 +192,30 @@ async def _watched(stops_s: float, silent_s: float, land_s: float) -> list[Decis
     for tick in range(round(20.0 * 20)):
         now_s = 0.05 * tick
         if now_s < silent_s:
-            place = setup.motion.pose_at(t0_s + min(now_s, stops_s), {})
+            place = spoil(now_s, setup.motion.pose_at(t0_s + min(now_s, stops_s), {}))
             took[0](PoseSample(t0_s + now_s, "intruder", place, (0.0, 0.0, 0.0)))
         if now_s >= land_s and not run_state.reached("land"):
             run_state.enter("land")
         await asyncio.sleep(0.05)
     await flying
     return [replace(one, t_s=one.t_s - t0_s) for one in run_state.decisive]
+
+
+def _events(
+    stops_s: float, silent_s: float, land_s: float, spoil: Callable[[float, Pose], Pose]
+) -> list[DecisiveEvent]:
+    found: list[DecisiveEvent] = []
+
+    async def main() -> None:
+        found.extend(await _watched(stops_s, silent_s, land_s, spoil))
+
+    run_on_clock("virtual", main())
+    return found
+
+
+def _hovering(t_s: float, pose: Pose) -> Pose:
+    """Return the pose of a vehicle that is never quite still."""
+    return replace(pose, q_wxyz=(1.0, 1e-6 * (round(t_s / 0.05) % 2), 0.0, 0.0))
 
 
 @pytest.mark.parametrize(
@@ -209,17 +232,38 @@ async def _watched(stops_s: float, silent_s: float, land_s: float) -> list[Decis
 def test_an_actor_that_stops_or_falls_silent_makes_the_run_invalid(
     stops_s: float, silent_s: float, land_s: float, said: str, at_s: float
 ) -> None:
-    """It repeats its place, with new times, or is silent: also until it has landed."""
-    found: list[DecisiveEvent] = []
-
-    async def main() -> None:
-        found.extend(await _watched(stops_s, silent_s, land_s))
-
-    run_on_clock("virtual", main())
+    """It stays in its place, or is silent: also until it has landed."""
+    found = _events(stops_s, silent_s, land_s, _hovering)
     assert [one.kind for one in found] == (["INVALID"] if said else [])
     if said:
         assert said in found[0].text
         assert found[0].t_s == pytest.approx(at_s, abs=0.15)
+
+
+def test_an_actor_whose_pose_is_frozen_makes_the_run_invalid() -> None:
+    """The object stayed where no vehicle was: contacts with that were missed, PASS."""
+    (found,) = _events(5.0, 99.0, 14.0, lambda _, pose: pose)
+    assert found.kind == "INVALID"
+    assert "has repeated one pose for 0.5 s (max_silence_s)" in found.text
+    assert found.t_s == pytest.approx(5.5, abs=0.15)
+
+
+def test_an_actor_may_rest_on_the_ground() -> None:
+    on_ground = Pose((0.0, 0.0, 0.0))
+
+    def landing(t_s: float, pose: Pose) -> Pose:
+        return _hovering(t_s, pose) if t_s < 12.5 else on_ground
+
+    assert not _events(99.0, 99.0, 12.0, landing)
+
+
+def test_an_actor_whose_place_is_no_number_makes_the_run_invalid() -> None:
+    """It reached the oracles, which raised: an ERROR of the test itself."""
+    lost = Pose((math.nan, 0.0, -1.0))
+    (found,) = _events(99.0, 99.0, 14.0, lambda t_s, pose: lost if t_s >= 6.0 else pose)
+    assert found.kind == "INVALID"
+    assert found.t_s == pytest.approx(6.0, abs=0.15)
+    assert "is at no place: its pose is not finite" in found.text
 
 
 @pytest.mark.parametrize("is_held", [False, True])
