@@ -33,7 +33,7 @@ from wil_campaign.orchestrator.cli import main
 from wil_campaign.orchestrator.installation import flown_plugins
 from wil_campaign.orchestrator.report.campaign_report import write_report
 from wil_campaign.plugins.doctor.installed import plugin_findings
-from wil_campaign.recipes.model.registry import registered_steps
+from wil_campaign.recipes.model.registry import StepContext, registered_steps
 from wil_campaign.safety.guard.process.guard_config import GuardConfig
 from wil_campaign.safety.oracles.registry import oracle_kinds
 from wil_campaign.vehicles.autopilots.registry import autopilot_strategies
@@ -1036,12 +1036,12 @@ def test_the_plugin_of_the_page_flies(
         assert main(["readings", str(out)]) == 2
         assert "has no run.mcap" in capsys.readouterr().out
         step = next(one for one in registered_steps() if one.name == "bias")
-        reading = next(
+        reading: Any = next(
             one.reading
             for one in Recording(run / "run.mcap")
             if isinstance(one, RecordedReading) and one.sensor == "mag"
         )
-        operate = step.build(step.parameters(north_ut=5.0), None)
+        operate: Any = step.build(step.parameters.model_validate({"north_ut": 5.0}), StepContext())
         assert operate(Masked(reading), None).reading.x_ut == reading.x_ut + 5.0
         (result,) = (json.loads(path.read_text()) for path in out.glob("**/result.json"))
         calm = next(one for one in result["oracles"] if one["name"] == "calm")

@@ -84,6 +84,7 @@ def blend(parameters, context):
     return merge
 """
 Install = Callable[[str], None]
+STOPPED = "gave a reading of 0.000 s at 7.103 s, after one of 0.000 s"
 DOWN = "(sonar down of twin)"
 NAMED = "; plugin sonar (wil-sonar 1.2): mend it, or uninstall it"
 WHOSE = r"; plugin sonar \(wil-sonar 1\.2\): mend it, or uninstall it"
@@ -194,7 +195,9 @@ class Sonar:
         if self.how == "nothing":
             return None
         depth_m = {"text": "deep", "nan": float("nan"), "check": -1.0}.get(self.how, 1.0)
-        return SonarReading(t_s=t_s, arrived_s=t_s, seq=0, source=self.side, depth_m=depth_m)
+        at_s = 0.0 if self.how == "stopped" else t_s
+        side = "mixed" if self.how == "other side" else self.side
+        return SonarReading(t_s=at_s, arrived_s=t_s, seq=0, source=side, depth_m=depth_m)
 
 
 def fault(reading):
@@ -217,6 +220,16 @@ SONAR = SensorSpec("sonar", SonarReading, SonarOptions, Sonar, fault)
             "nothing",
             "ERROR",
             f"sensor samples: TypeError: gave NoneType, not SonarReading {DOWN}{NAMED}",
+        ),
+        (
+            "other side",
+            "ERROR",
+            f"sensor samples: ValueError: gave a reading of mixed, not of twin {DOWN}{NAMED}",
+        ),
+        (
+            "stopped",
+            "ERROR",
+            f"sensor samples: ValueError: {STOPPED} {DOWN}{NAMED}",
         ),
         ("text", "INVALID", "down of twin: depth_m is 'deep', no number; no autonomy is given it"),
         ("nan", "INVALID", "down of twin: depth_m is nan; no autonomy is given it"),

@@ -154,11 +154,16 @@ class SensorSpec:
 class NamedSensor:
     """A sensor's model whose exceptions name it, and that gives readings of its type alone.
 
-    name: in messages, as "sonar down of twin". make: makes the model.
+    Their times go on. name: in messages, as "sonar down of twin". side:
+    whose readings they are. make: makes the model.
     """
 
-    def __init__(self, name: str, spec: SensorSpec, make: Callable[[], Sensor]) -> None:
+    def __init__(
+        self, name: str, spec: SensorSpec, side: Source, make: Callable[[], Sensor]
+    ) -> None:
         self._name = name
+        self._side = side
+        self._asked_s = self._given_s = -math.inf
         self._reading = spec.reading
         self._plugin = plugin_of_module(spec.reading.__module__)
         with self._named():
@@ -171,7 +176,20 @@ class NamedSensor:
             if type(reading) is not self._reading:
                 given = type(reading).__name__
                 raise TypeError(f"gave {given}, not {self._reading.__name__}")
+            self._require_stamps(reading, t_s)
         return reading
+
+    def _require_stamps(self, reading: Reading, t_s: float) -> None:
+        """Raise ValueError for a reading of another vehicle, or of a time that stands still.
+
+        A time that is not finite is refused where readings are checked.
+        """
+        if reading.source != self._side:
+            raise ValueError(f"gave a reading of {reading.source}, not of {self._side}")
+        if reading.t_s <= self._given_s and t_s > self._asked_s:
+            times = f"gave a reading of {reading.t_s:.3f} s at {t_s:.3f} s"
+            raise ValueError(f"{times}, after one of {self._given_s:.3f} s")
+        self._asked_s, self._given_s = t_s, reading.t_s
 
     @contextmanager
     def _named(self) -> Iterator[None]:

@@ -197,7 +197,7 @@ class SensorFactory:
             caster=partial(self._caster, vehicle.name),
         )
         name = f"{sensor.kind} {sensor.name} of {vehicle.name}"
-        return NamedSensor(name, spec, partial(spec.model, sensor.options, site))
+        return NamedSensor(name, spec, site.side, partial(spec.model, sensor.options, site))
 
     def _has_truth(self, vehicle: VehicleSetup) -> bool:
         """Return whether a vehicle is an embedded simulation that flies; a placed twin does not."""
