@@ -377,15 +377,18 @@ def _register_others(manager: pluggy.PluginManager) -> dict[str, str]:
             with redirect_stdout(sys.stderr):  # what a command prints may be a document
                 plugin = point.load()
             manager.register(plugin, point.name)
-            _require_known_hooks(manager)
+            _require_known_hooks(manager, plugin)
         except (Exception, SystemExit) as error:
             raise _fault(point.name, origin, f"cannot be used: {_words(error)}") from error
         origins[point.name] = origin
     return origins
 
 
-def _require_known_hooks(manager: pluggy.PluginManager) -> None:
-    """Raise UnknownHookError for a function under `implements` that is of no hook."""
+def _require_known_hooks(manager: pluggy.PluginManager, plugin: object) -> None:
+    """Raise UnknownHookError for a function under `implements` of no hook, or a plugin of none."""
+    if not manager.get_hookcallers(plugin):
+        text = "none of its functions is a hook's: they stand under @implements"
+        raise UnknownHookError(text)
     known = {name: one for name, one in vars(manager.hook).items() if not name.startswith("_")}
     for name, hook in known.items():
         if not hook.has_spec():
@@ -399,7 +402,7 @@ def _require_known_hooks(manager: pluggy.PluginManager) -> None:
 
 
 class UnknownHookError(Exception):
-    """A plugin has a function of no hook; the message says which is meant."""
+    """A plugin has a function of no hook, or none of any; the message says what is meant."""
 
 
 def _words(error: BaseException) -> str:

@@ -861,6 +861,10 @@ def test_a_part_that_cannot_be_used_is_named_once(
             "cannot be used: there is no hook 'comands'; did you mean 'commands'?; mend it, or ",
         ),
         (
+            SONAR.replace("@implements\n", ""),
+            "cannot be used: none of its functions is a hook's: they stand under @implements; ",
+        ),
+        (
             SONAR.replace("return (Command", "return (1 / 0, Command"),
             "commands() fails: ZeroDivisionError: division by zero; ",
         ),
@@ -905,7 +909,7 @@ def test_a_part_that_cannot_be_used_is_named_once(
         ),
     ],
     ids=[
-        *("import", "hook", "fails", "core's", "plugin's", "key", "plugin's key"),
+        *("import", "hook", "unmarked", "fails", "core's", "plugin's", "key", "plugin's key"),
         *("autonomy's key", "autopilot", "exits", "hook exits", "section", "other kind"),
     ],
 )

@@ -194,7 +194,8 @@ class Sonar:
             raise ValueError("no echo")
         if self.how == "nothing":
             return None
-        depth_m = {"text": "deep", "nan": float("nan"), "check": -1.0}.get(self.how, 1.0)
+        depths_m = {"text": "deep", "nan": float("nan"), "check": -1.0, "forgot": 9.0}
+        depth_m = depths_m.get(self.how, 1.0)
         at_s = 0.0 if self.how == "stopped" else t_s
         side = "mixed" if self.how == "other side" else self.side
         return SonarReading(t_s=at_s, arrived_s=t_s, seq=0, source=side, depth_m=depth_m)
@@ -203,7 +204,7 @@ class Sonar:
 def fault(reading):
     if reading.depth_m < 0.0:
         raise ValueError("no such depth")
-    return ""
+    return None if reading.depth_m == 9.0 else ""
 
 
 SONAR = SensorSpec("sonar", SonarReading, SonarOptions, Sonar, fault)
@@ -234,6 +235,7 @@ SONAR = SensorSpec("sonar", SonarReading, SonarOptions, Sonar, fault)
         ("text", "INVALID", "down of twin: depth_m is 'deep', no number; no autonomy is given it"),
         ("nan", "INVALID", "down of twin: depth_m is nan; no autonomy is given it"),
         ("check", "ERROR", f"sensor delivery: ValueError: no such depth{NAMED}"),
+        ("forgot", "ERROR", f"sensor delivery: TypeError: fault returned None, not a text{NAMED}"),
     ],
 )
 def test_a_plugin_s_sensor_that_fails_is_named(

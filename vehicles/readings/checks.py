@@ -8,6 +8,7 @@ import math
 from numbers import Real
 from typing import Any
 
+from wil_campaign.installed_plugins import plugin_of_module, whose_fault_text
 from wil_campaign.vehicles.readings.faults import ReadingFault
 from wil_campaign.vehicles.readings.images import CameraReading, DepthReading
 from wil_campaign.vehicles.readings.kinds import Reading, faults_of_types, traits_of
@@ -18,7 +19,10 @@ from wil_campaign.worlds.geodesy import LocalFrame
 
 
 def reading_fault(reading: Reading) -> ReadingFault | None:
-    """Return the first fault of a reading in itself; None when it has none."""
+    """Return the first fault of a reading in itself; None when it has none.
+
+    Raises TypeError where the check of a plugin's type returns no text.
+    """
     if (fault := _time_fault(reading)) is not None:
         return fault
     check = traits_of(type(reading)).fault
@@ -27,8 +31,12 @@ def reading_fault(reading: Reading) -> ReadingFault | None:
     if check is not None and (fault := check(reading)) is not None:
         return fault
     named = faults_of_types().get(type(reading))
-    text = "" if named is None else named(reading)
-    return ReadingFault("out_of_range", text) if text else None
+    if named is None or (text := named(reading)) == "":
+        return None
+    if not isinstance(text, str):
+        whose = whose_fault_text(plugin_of_module(named.__module__))
+        raise TypeError(f"{named.__qualname__} returned {text!r}, not a text{whose}")
+    return ReadingFault("out_of_range", text)
 
 
 def reading_fault_after(reading: Reading, previous: Reading | None) -> ReadingFault | None:
