@@ -270,10 +270,12 @@ def next_steps(
     """
     file, *choice = flown
     steps = []
-    is_cut = summary.stopped is not None or bool(summary.broken)
-    if summary.not_flown or is_cut:
-        how = () if clock is None else ("--clock", clock)
-        line = shlex.join(("wil-campaign", "run", *flown, *how, "--out", str(folder), "--resume"))
+    command = ("wil-campaign", "run", *flown, *(() if clock is None else ("--clock", clock)))
+    if summary.broken:
+        anew = "flies the campaign anew: after an internal exception no --resume is accepted"
+        steps.append(f"next: {shlex.join(command)} {anew}")
+    elif summary.not_flown or summary.stopped is not None:
+        line = shlex.join((*command, "--out", str(folder), "--resume"))
         steps.append(f"next: {line} flies what is missing")
     broken = [
         run for run in summary.runs if run.decided_by in {"autonomy", f"autonomy/{run.subject}"}

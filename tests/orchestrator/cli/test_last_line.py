@@ -174,6 +174,12 @@ def test_the_next_steps_are_those_of_the_outcome() -> None:
     assert [f"wil-campaign {again} " in lines[0], f"/1 {chosen} tries" in lines[1]] == [True, True]
     grounded = replace(summary([replace(slow, decided_by="guard.fence/twin")]), broken=False)
     assert steps_after(grounded, folder) == []
+    excepted = replace(summary([result()]), broken=True)
+    (anew,) = steps_after(excepted, folder, ("g.yaml",), "wall")
+    assert anew.plain == (
+        "next: wil-campaign run g.yaml --clock wall flies the campaign anew: after an internal"
+        " exception no --resume is accepted"
+    )
     log = "large/sim/1/twin-node.log"
     dead = replace(result("FAIL"), decided_by="autonomy/twin", artifacts=(log,))
     ended = replace(summary([dead]), broken=False)
