@@ -65,8 +65,8 @@ def reading_types() -> Mapping[str, type[Any]]:
 
 
 @cache
-def faults_of_types() -> Mapping[type[Any], Callable[[Any], str]]:
-    """Return by class of readings the check that its sensor type brings, where it does."""
+def faults_of_types() -> Mapping[type[Any], Callable[[Any], object]]:
+    """Return by class of readings the check that its sensor type brings, perhaps a plugin's."""
     return {spec.reading: spec.fault for spec in sensor_specs().values() if spec.fault is not None}
 
 
