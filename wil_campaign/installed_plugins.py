@@ -392,12 +392,10 @@ def _require_known_hooks(manager: pluggy.PluginManager, plugin: object) -> None:
     known = {name: one for name, one in vars(manager.hook).items() if not name.startswith("_")}
     for name, hook in known.items():
         if not hook.has_spec():
-            from difflib import get_close_matches  # noqa: PLC0415 - seldom used
+            from wil_campaign.foundation.files.problems import closest_word  # noqa: PLC0415 - seldom used
 
-            near = get_close_matches(
-                name, [other for other, one in known.items() if one.has_spec()]
-            )
-            hint = f"did you mean {near[0]!r}?" if near else "wil_campaign.hooks has them all"
+            near = closest_word(name, (other for other, one in known.items() if one.has_spec()))
+            hint = f"did you mean {near!r}?" if near else "wil_campaign.hooks has them all"
             raise UnknownHookError(f"there is no hook {name!r}; {hint}")
 
 

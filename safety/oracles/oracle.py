@@ -330,7 +330,7 @@ def oracle(
 
     The factory gets the oracle's terms (its name, vehicle and window), the keys of the file, and an
     `OracleContext` of the vehicle and its world; it returns an oracle for that vehicle. parameters:
-    those keys, derived from `Windowed`. Raises TypeError for another class.
+    those keys, derived from `OracleParameters`, as `Windowed` is. Raises TypeError for others.
     """
     require_derived(parameters, OracleParameters, f"oracle {name!r}")
 

@@ -1033,7 +1033,7 @@ def test_the_plugin_of_the_page_flies(
         flown = fly([str(campaign), *words, "--logbook", str(log)], tmp_path)
         assert flown.returncode == 0, flown.stderr
         assert f"logbook: {log}" in flown.stdout.replace("\n", "")
-        assert log.exists()
+        assert '"campaign": "hover"' in log.read_text()
         (run,) = (path.parent for path in out.glob("**/result.json"))
         assert main(["readings", str(run)]) == 0
         assert int(capsys.readouterr().out) > 100

@@ -84,6 +84,7 @@ def blend(parameters, context):
     return merge
 """
 Install = Callable[[str], None]
+FORGOT = "the check of a SonarReading returned None, not a text"
 STOPPED = "gave a reading of 0.000 s at 7.103 s, after one of 0.000 s"
 DOWN = "(sonar down of twin)"
 NAMED = "; plugin sonar (wil-sonar 1.2): mend it, or uninstall it"
@@ -235,7 +236,7 @@ SONAR = SensorSpec("sonar", SonarReading, SonarOptions, Sonar, fault)
         ("text", "INVALID", "down of twin: depth_m is 'deep', no number; no autonomy is given it"),
         ("nan", "INVALID", "down of twin: depth_m is nan; no autonomy is given it"),
         ("check", "ERROR", f"sensor delivery: ValueError: no such depth{NAMED}"),
-        ("forgot", "ERROR", f"sensor delivery: TypeError: fault returned None, not a text{NAMED}"),
+        ("forgot", "ERROR", f"sensor delivery: TypeError: {FORGOT}{NAMED}"),
     ],
 )
 def test_a_plugin_s_sensor_that_fails_is_named(

@@ -34,8 +34,9 @@ def reading_fault(reading: Reading) -> ReadingFault | None:
     if named is None or (text := named(reading)) == "":
         return None
     if not isinstance(text, str):
-        whose = whose_fault_text(plugin_of_module(named.__module__))
-        raise TypeError(f"{named.__qualname__} returned {text!r}, not a text{whose}")
+        kind = type(reading)
+        whose = whose_fault_text(plugin_of_module(kind.__module__))
+        raise TypeError(f"the check of a {kind.__name__} returned {text!r}, not a text{whose}")
     return ReadingFault("out_of_range", text)
 
 

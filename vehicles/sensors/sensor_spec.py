@@ -152,10 +152,9 @@ class SensorSpec:
 
 
 class NamedSensor:
-    """A sensor's model whose exceptions name it, and that gives readings of its type alone.
+    """A sensor's model whose exceptions name it; its readings are of its type, their times go on.
 
-    Their times go on. name: in messages, as "sonar down of twin". side:
-    whose readings they are. make: makes the model.
+    name: in messages, as "sonar down of twin". side: of its readings. make: makes the model.
     """
 
     def __init__(

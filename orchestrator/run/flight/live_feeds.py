@@ -15,8 +15,8 @@ from wil_campaign.orchestrator.state.vehicle_context import VehicleContext
 from wil_campaign.safety.guard.core.events import GuardEvent
 from wil_campaign.safety.model.oracle_results import Flag
 
-Make = Callable[[Callable[[str], None]], RunFeed]
-"""Makes a feed, of what receives the reason when it ends early."""
+Make = Callable[..., RunFeed]
+"""Makes a feed; the keyword `note` receives the reason when it ends early."""
 
 
 class LiveFeeds(AbstractContextManager["LiveFeeds", None]):
@@ -39,7 +39,7 @@ class LiveFeeds(AbstractContextManager["LiveFeeds", None]):
     def __enter__(self) -> Self:
         for name, make in self._makers.items():
             try:
-                feed = make(self._note)
+                feed = make(note=self._note)
                 feed.__enter__()
             except (*FAULTS, SystemExit) as error:
                 self._fail(name, error)

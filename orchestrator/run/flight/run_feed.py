@@ -18,9 +18,11 @@ from wil_campaign.worlds.scene.track import RunHistory
 
 
 class RunFeed(AbstractContextManager["RunFeed", None]):
-    """The live feed of one run; a context manager. It never waits: its calls are of the flight.
+    """The live feed of one run; a context manager.
 
-    One that raises is closed, and the flight goes on without it.
+    The flight calls it: what takes time belongs in a thread of its own. One that raises is closed,
+    and the flight goes on.
+
     name: of the live view. events: times of the world's events, which its moving objects depend on.
     epoch_ns: UTC of the run clock's zero. note: called with the reason when the feed ends early.
     """

@@ -27,7 +27,6 @@ from wil_campaign.orchestrator.run.flight.operator_handler import (
     operator_handler_of,
 )
 from wil_campaign.orchestrator.run.flight.progress_reporter import RunProgressReporter
-from wil_campaign.orchestrator.run.flight.run_feed import RunFeed
 from wil_campaign.orchestrator.run.flight.watchdog import Watchdog, stage_patience_s
 from wil_campaign.orchestrator.run.judging.oracle_runner import OracleRunner
 from wil_campaign.orchestrator.run.judging.run_evidence import pair_gap_s
@@ -140,13 +139,16 @@ def ground_parts(
     reporter = RunProgressReporter(
         plan=setup.order.plan, report=report, run_state=run_state, kinds=kinds
     )
-    feed = partial(
-        _feed, setup=setup, run_state=run_state, events=events, epoch_ns=recorder.epoch_ns
-    )
     feeds = streams.enter_context(
         LiveFeeds(
             {
-                name: partial(feed, kind)
+                name: partial(
+                    kind,
+                    setup=setup,
+                    run_state=run_state,
+                    events=events,
+                    epoch_ns=recorder.epoch_ns,
+                )
                 for name, kind in loaded_additions(live_views, "feed").items()
             },
             run_state,
@@ -349,11 +351,6 @@ def _world_event(recorder: RunRecorder, pair: VehiclePair, name: str, t_s: float
     """Record an event of the world in the run, and pass it to the vehicles."""
     recorder.judged(LoggedWorldEvent(t_s, name))
     pair.notify(name, t_s)
-
-
-def _feed(kind: type[RunFeed], note: Callable[[str], None], **facts: Any) -> RunFeed:
-    """Return a live feed of the run; note: receives why it ends early."""
-    return kind(note=note, **facts)
 
 
 def _moment(

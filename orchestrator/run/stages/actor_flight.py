@@ -17,6 +17,7 @@ from wil_campaign.orchestrator.run.stages.operator_hold import OperatorHold
 from wil_campaign.orchestrator.run_results.run_result import ActorResult
 from wil_campaign.orchestrator.state.run_state import FlightError, RunState
 from wil_campaign.orchestrator.state.vehicle_context import VehicleContext
+from wil_campaign.safety.evidence.poses import is_pose_finite
 from wil_campaign.safety.model.samples import PoseSample
 from wil_campaign.vehicles.autopilots.registry import autopilot_named
 from wil_campaign.vehicles.errors import VehicleError
@@ -98,12 +99,6 @@ class ActorProgress:
         # The latest of equally near ones comes first: where the motion only turns, it waits.
         self._reached_s = max(self._reached_s, min(times_s, key=off_m))
         return now_s - self._reached_s
-
-
-def _is_finite(sample: PoseSample) -> bool:
-    """Return whether all numbers of a pose are finite."""
-    numbers = (*sample.pose.position_ned_m, *sample.pose.q_wxyz, *sample.velocity_ned_m_s)
-    return all(math.isfinite(number) for number in numbers)
 
 
 def _distance_m(place: Vec3, begin: Vec3, end: Vec3) -> float:
@@ -307,7 +302,7 @@ class ActorFlight:
         self.run_state.decide("INVALID", reason, source=f"actor/{self.name}")
 
     def _observe(self, sample: PoseSample) -> None:
-        if not _is_finite(sample):
+        if not is_pose_finite(sample):
             self._is_nowhere |= self._delay_s is not None
             return
         if self._last is None or sample.pose != self._last.pose or not self._is_aloft(sample):

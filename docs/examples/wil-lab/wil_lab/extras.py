@@ -1,4 +1,5 @@
 import subprocess
+import sys
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -27,7 +28,8 @@ def bias(parameters, context):
 @contextmanager
 def logbook(address, say, *, folder=None, program=None):
     with Path(address).open("w", encoding="utf-8") as file:
-        words = ["wil-campaign", "watch", "--json", *([str(folder)] if folder else [])]
+        words = [sys.executable, "-P", "-m", "wil_campaign", "watch", "--json"]
+        words += [str(folder)] if folder else []
         watch = subprocess.Popen(words, stdout=file, stderr=subprocess.DEVNULL)
         say(f"logbook: {address}")
         try:
