@@ -34,6 +34,9 @@ _VIEW_S = 1.0 / 15.0
 _IMAGE_S = 1.0 / 30.0
 _IDLE_S = 0.25
 _JOIN_S = 2.0
+_LAST_S = 0.5
+"""How long the last events wait for a console whose queue is full, wall clock."""
+_RETRY_S = 0.01
 _MOST_EVENTS = 1000
 _LONGEST_TEXT = 2000
 _SHORT_FACTS = ("case", "mode", "rep", "seed", "epoch_ns", "clock", "mounts")
@@ -157,6 +160,7 @@ class FeedPublisher:
                 if self._consoles:
                     self._send_all(now_s)
                 if is_last:
+                    self._send_last_events(now_s + _LAST_S)
                     break
                 self._woken.wait(self._sleep_s(now_s, search_s))
                 self._woken.clear()
@@ -190,11 +194,7 @@ class FeedPublisher:
 
     def _send_all(self, now_s: float) -> None:
         """Send what is new and due to every console."""
-        for path, console in tuple(self._consoles.items()):
-            try:
-                self._catch_up(console)
-            except OSError:
-                self._consoles.pop(path).sender.close()
+        self._catch_up_all()
         if (view := self._view) is not None and self._is_due("view", now_s, _VIEW_S):
             self._view = None
             self._send(view)
@@ -212,6 +212,14 @@ class FeedPublisher:
         self._due_s[name] = now_s + period_s
         return True
 
+    def _catch_up_all(self) -> None:
+        """Send every console what it lacks; drop those that are gone."""
+        for path, console in tuple(self._consoles.items()):
+            try:
+                self._catch_up(console)
+            except OSError:
+                self._consoles.pop(path).sender.close()
+
     def _catch_up(self, console: _Console) -> None:
         """Send a console the facts and events that it lacks, until its queue is full."""
         if not console.knows_facts:
@@ -223,6 +231,14 @@ class FeedPublisher:
                 if not console.sender.send(feed_codec.encode(event)):
                     return
                 console.sent = event.number
+
+    def _send_last_events(self, until_s: float) -> None:
+        """Send the events that a full queue kept from a console, as long as there is time."""
+        while any(console.sent < self._count for console in self._consoles.values()):
+            if time.monotonic() >= until_s:
+                return
+            time.sleep(_RETRY_S)
+            self._catch_up_all()
 
     def _encoded_facts(self) -> bytes:
         """Return the run's facts as a datagram; only the short ones if they are too long."""

@@ -17,11 +17,12 @@ def reading_feed() -> Iterator[list[FeedMessage]]:
         is_over = threading.Event()
 
         def read() -> None:
-            while not is_over.is_set():
+            while True:
                 try:
                     found.append(feed_codec.decode(end.recv(1 << 18)))
                 except TimeoutError:
-                    continue
+                    if is_over.is_set():
+                        return  # nothing is left, either
 
         reader = threading.Thread(target=read)
         reader.start()

@@ -3,6 +3,7 @@
 import socket
 import time
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from statistics import median
 
@@ -122,6 +123,31 @@ def test_a_console_that_never_reads_holds_up_nothing() -> None:
         assert median(rounds_s) < 0.001
     # It ends by itself: leaving the feed waits for it no longer than two seconds.
     assert not feed._thread.is_alive()
+
+
+def test_a_console_whose_queue_is_full_at_the_end_gets_the_last_event() -> None:
+    """Else it shows a run that has ended as one that still lands."""
+    last = 40
+    numbers: list[int] = []
+    with feed_receiver() as end, publisher() as feed:
+        wait_for(lambda: feed._has_consoles)
+
+        def read() -> None:
+            wait_for(lambda: feed._is_over)
+            time.sleep(0.05)  # of the half second that it may take
+            end.settimeout(1.0)
+            while not numbers or numbers[-1] < last:
+                message = feed_codec.decode(end.recv(1 << 18))
+                if isinstance(message, EventView):
+                    numbers.append(message.number)
+
+        for _ in range(last):
+            feed.event(1.0, "vehicle", "text", "")
+        with ThreadPoolExecutor(1) as pool:
+            reading = pool.submit(read)
+            feed.__exit__()
+            reading.result()
+    assert numbers == list(range(1, last + 1))
 
 
 def test_an_exception_of_ours_ends_the_feed_and_no_flight() -> None:
