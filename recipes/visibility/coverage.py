@@ -27,8 +27,10 @@ edge of the image may look displaced or missing."""
 class ObjectCoverage:
     """The coverage of one object. in_view, shown: frames. offsets: of shown ones, in `unit`.
 
-    displaced, missed: latest frames in a row. missed_s: when these began to be missed.
-    displaced_in_all: of all frames in view.
+    displaced, missed: latest frames in a row. missed_s: when these began to be missed. due: frames
+    in view that confirm no other; due_shown, due_displaced: of these, for the shares. A wrong frame
+    alone has the next one confirm it: would that count, what is shown in two of five frames by
+    turns would be shown in half of them.
     """
 
     unit: Unit = "px"
@@ -38,14 +40,16 @@ class ObjectCoverage:
     first_in_view_s: float | None = None
     last_in_view_s: float | None = None
     displaced: int = 0
-    displaced_in_all: int = 0
     missed: int = 0
     missed_s: float = 0.0
+    due: int = 0
+    due_shown: int = 0
+    due_displaced: int = 0
 
     @property
     def is_covered(self) -> bool:
         """Return whether enough of the frames with the object in view show it."""
-        return self.shown > 0 and self.shown >= _LEAST_SHARE * self.in_view
+        return self.shown > 0 and self.due_shown >= _LEAST_SHARE * self.due
 
     def is_lost(self, t_s: float) -> bool:
         """Return whether the object was shown, and is not any more for long enough.
@@ -64,9 +68,7 @@ class ObjectCoverage:
 
         These need not be in a row, as when every second image is late.
         """
-        return (
-            self.in_view >= _SHARE_FRAMES and self.displaced_in_all > _MOST_DISPLACED * self.in_view
-        )
+        return self.in_view >= _SHARE_FRAMES and self.due_displaced > _MOST_DISPLACED * self.due
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,7 +109,7 @@ class VisibilityCoverage:
         self.frames += 1
         self.not_mixed.update(frame.not_mixed)
         self._unexpected = self._unexpected + 1 if frame.is_unexpected else 0
-        faults = [self._observe(visibility, frame.t_s) for visibility in frame.objects]
+        faults = [self._observe(visibility, frame) for visibility in frame.objects]
         if self._unexpected >= _IN_A_ROW:
             share = f"{frame.elsewhere * 100:.1f} % of the reading"
             extra = (
@@ -156,7 +158,8 @@ class VisibilityCoverage:
             return None
         return never_shown_fault({name: [self.objects[name]] for name in due}, shower=self._shower)
 
-    def _observe(self, one: ObjectVisibility, t_s: float) -> VisibilityFault | None:
+    def _observe(self, one: ObjectVisibility, frame: FrameVisibility) -> VisibilityFault | None:
+        t_s = frame.t_s
         known = self.objects.setdefault(one.name, ObjectCoverage(one.unit))
         if not one.in_view:
             known.displaced = known.missed = 0
@@ -165,6 +168,10 @@ class VisibilityCoverage:
         known.missed_s = known.missed_s if known.missed else t_s
         known.missed = 0 if one.is_shown else known.missed + 1
         known.shown += one.is_shown
+        if not frame.confirms:
+            known.due += 1
+            known.due_shown += one.is_shown
+            known.due_displaced += one.is_displaced
         known.last_in_view_s = t_s
         if known.first_in_view_s is None:
             known.first_in_view_s = t_s
@@ -172,7 +179,6 @@ class VisibilityCoverage:
             return None
         known.offsets.append(one.offset)
         known.displaced = known.displaced + 1 if one.is_displaced else 0
-        known.displaced_in_all += one.is_displaced
         if not one.is_displaced or not (known.displaced >= _IN_A_ROW or known.is_often_displaced):
             return None
         digits = 0 if one.unit == "px" else 2
@@ -241,9 +247,8 @@ def never_shown_fault(
     details = []
     for name, each in objects.items():
         best = max(each, key=lambda one: one.in_view)
-        details.append(
-            f"{name}: it was in view in {best.in_view} measured frames, {best.shown} showed it"
-        )
+        frames, shown = (best.due, best.due_shown) if best.shown else (best.in_view, 0)
+        details.append(f"{name}: it was in view in {frames} measured frames, {shown} showed it")
     word = (
         "never"
         if not any(coverage.shown for each in objects.values() for coverage in each)

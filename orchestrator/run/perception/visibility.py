@@ -3,7 +3,7 @@
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -122,26 +122,23 @@ class VisibilityProbe:
         t_s = mixed.provenance.real_t_s
         if mixed.reading is None or t_s is None or not self._measured.is_judged():
             return None
-        if not self._is_due(t_s):
+        is_early = t_s < self._due_s - _EARLY_S
+        if is_early and not self.coverage.is_suspect():
             return None
+        self._due_s = t_s + _waiting_s(self._count)
+        self._count += 1
         real, body = self._views.merged_real(), self._measured.body(t_s)
         if real is None:
             return FrameVisibility(t_s, not_measured="nothing was merged")
         if body is None:
             return FrameVisibility(t_s, not_measured="no reference pose of the exposure")
-        return self._compare(real, mixed.reading, body, t_s)
+        compared = self._compare(real, mixed.reading, body, t_s)
+        return replace(compared, confirms=True) if is_early else compared
 
     def why_nothing(self) -> str:
         """Return what the recipe did to an invisible object; "" when unknown."""
         name = self._views.emptied_by()
         return f" ({name} kept nothing)" if name else ""
-
-    def _is_due(self, t_s: float) -> bool:
-        if t_s < self._due_s - _EARLY_S and not self.coverage.is_suspect():
-            return False
-        self._due_s = t_s + _waiting_s(self._count)
-        self._count += 1
-        return True
 
     def _compare(self, real: Reading, mixed: Reading, body: Pose, t_s: float) -> FrameVisibility:
         compared = None

@@ -1,5 +1,7 @@
 """When what the mixtures of a run showed proves that it proves nothing."""
 
+from dataclasses import replace
+
 import pytest
 
 from wil_campaign.recipes.visibility.coverage import (
@@ -177,6 +179,26 @@ def test_a_missed_frame_is_looked_at_more_closely_until_a_second_one_confirms_it
     coverage.observe(seen(10.0, shown=False))
     coverage.observe(seen(11.0, in_view=False))
     assert not coverage.is_suspect()
+
+
+@pytest.mark.parametrize(("shows", "share"), [("MSMMS", 2 / 5), ("SSM", 2 / 3), ("MS", 1 / 2)])
+def test_what_only_confirms_a_miss_counts_in_no_share(shows: str, share: float) -> None:
+    """Of frames measured one by one, at each phase of what is shown by turns."""
+    coverage = VisibilityCoverage()
+    for first in range(len(shows)):
+        coverage.observe(seen(10.0 * first, shown=shows[first] == "S"))
+        following = shows[(first + 1) % len(shows)]
+        if coverage.is_suspect():
+            confirming = seen(10.0 * first + 0.07, shown=following == "S")
+            coverage.observe(replace(confirming, confirms=True))
+        coverage.observe(seen(10.0 * first + 5.0, in_view=False))
+    gate = coverage.objects["gate"]
+    assert gate.due_shown / gate.due == pytest.approx(share)
+    assert gate.is_covered == (share >= 0.5)
+    fault = uncovered_objects([coverage])
+    assert (fault is None) == (share >= 0.5)
+    if fault is not None:
+        assert "in view in 5 measured frames, 2 showed it" in fault.text
 
 
 def test_objects_left_out_by_name_are_counted() -> None:

@@ -18,6 +18,7 @@ from wil_campaign.campaigns.values.sensor_setups import (
 )
 from wil_campaign.orchestrator.run.perception.visibility import (
     MixtureViews,
+    ReadingExposure,
     VisibilityMeasurement,
     VisibilityProbe,
     visibility_comparison_of,
@@ -32,7 +33,12 @@ from wil_campaign.plugins.lidar.rangefinder import RangefinderOptions
 from wil_campaign.plugins.lidar.visibility import lidar_reach_m
 from wil_campaign.recipes.language.recipe_files import load_recipe_file
 from wil_campaign.recipes.model.recipe import Combination
-from wil_campaign.recipes.visibility.model import ExpectedRanges, FrameVisibility, VirtualObjects
+from wil_campaign.recipes.visibility.model import (
+    ExpectedRanges,
+    FrameVisibility,
+    ObjectVisibility,
+    VirtualObjects,
+)
 from wil_campaign.recipes.visibility.sampling import sampled_intrinsics
 from wil_campaign.vehicles.readings import LidarPointsReading, Reading
 from wil_campaign.vehicles.sensors.noise_sets import NoiseSetName
@@ -145,6 +151,34 @@ def measured(folder: Path, sensor: SensorSetup, noise: NoiseSetName, at_m: float
     (gate,) = found.objects
     assert gate.shown == 0.0
     return gate
+
+
+def test_a_mixture_after_a_wrong_one_is_measured_early_and_confirms_it() -> None:
+    """At 100 Hz: the next one that is due is at least 0.05 s away."""
+
+    def seen(real: Any, mixed: Any, at: ReadingExposure) -> FrameVisibility:
+        del real, mixed
+        is_shown = at.t_s > 1.0
+        gate = ObjectVisibility(
+            "gate", True, 0.1, float(is_shown), is_shown, 0.0 if is_shown else None, 10.0, "px"
+        )
+        return FrameVisibility(at.t_s, (gate,))
+
+    parts: Any = SimpleNamespace(is_judged=lambda: True, body=lambda _: AT_ORIGIN)
+    views: Any = SimpleNamespace(merged_real=lambda: ())
+    comparison: Any = SimpleNamespace(compare=seen)
+    probe = VisibilityProbe(parts, comparison=comparison, views=views)
+    found = []
+    for k in range(20):
+        given: Any = SimpleNamespace(reading=(), provenance=SimpleNamespace(real_t_s=1.0 + k / 100))
+        visibility = probe.measure(given)
+        if visibility is not None:
+            probe.coverage.observe(visibility)
+            found.append((k, visibility.confirms))
+    assert found[:2] == [(0, False), (1, True)]
+    assert all(not confirms and k >= 6 for k, confirms in found[2:])
+    gate = probe.coverage.objects["gate"]
+    assert (gate.in_view, gate.due) == (len(found), len(found) - 1)
 
 
 def _combination(folder: Path) -> Combination:
