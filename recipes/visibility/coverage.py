@@ -28,9 +28,8 @@ class ObjectCoverage:
     """The coverage of one object. in_view, shown: frames. offsets: of shown ones, in `unit`.
 
     displaced, missed: latest frames in a row. missed_s: when these began to be missed. due: frames
-    in view that confirm no other; due_shown, due_displaced: of these, for the shares. A wrong frame
-    alone has the next one confirm it: would that count, what is shown in two of five frames by
-    turns would be shown in half of them.
+    in view but for those that only confirm a wrong one; due_shown, due_displaced: of these. Shares
+    are of these: with all, what two of five frames show by turns would be shown in half of them.
     """
 
     unit: Unit = "px"
@@ -134,8 +133,7 @@ class VisibilityCoverage:
         """Return whether the last mixture was wrong, so that the next one has to confirm it.
 
         It missed an object in view, displaced one, or showed something where nothing is expected.
-        Two in a row confirm it. An object that stays missed is then measured at the usual rate:
-        otherwise it would be counted more often while it is missed than while it is shown.
+        Two in a row confirm it. An object that stays missed is then measured at the usual rate.
         """
         if self._unexpected:
             return True

@@ -113,8 +113,8 @@ class FrameVisibility:
     from all expected objects; is_unexpected: whether no object is expected and that share is large
     enough to count as in view. is_blind: whether the real reading has nothing of the physical
     surfaces that fill most of it. not_mixed: objects in view that the recipe leaves out by name.
-    not_measured: why this frame was not measured; "" when it was. confirms: it was measured before
-    it was due, because the one before it was wrong: it counts in no share.
+    not_measured: why this frame was not measured; "" when it was. confirms: it was measured
+    before it was due, because the one before it was wrong: it counts in no share.
     """
 
     t_s: float

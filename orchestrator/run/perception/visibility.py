@@ -28,8 +28,8 @@ from wil_campaign.vehicles.sensors.noise_sets import NoiseSetName
 from wil_campaign.worlds.frames import IDENTITY, Pose, Quat, quat_multiply
 
 _SHORTEST_S, _LONGEST_S = 0.05, 0.2
-"""Time from one measured mixture to the next; after a wrong one the next is measured too, to
-confirm it."""
+"""Time from one mixture that is due to the next. After a wrong one the next is measured too, to
+confirm it; that postpones nothing, so that no mixture changes when others are due."""
 _GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0
 _EARLY_S = 1e-6
 
@@ -125,8 +125,9 @@ class VisibilityProbe:
         is_early = t_s < self._due_s - _EARLY_S
         if is_early and not self.coverage.is_suspect():
             return None
-        self._due_s = t_s + _waiting_s(self._count)
-        self._count += 1
+        if not is_early:
+            self._due_s = t_s + _waiting_s(self._count)
+            self._count += 1
         real, body = self._views.merged_real(), self._measured.body(t_s)
         if real is None:
             return FrameVisibility(t_s, not_measured="nothing was merged")

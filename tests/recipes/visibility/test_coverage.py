@@ -168,7 +168,7 @@ def test_one_displaced_frame_is_looked_at_more_closely_and_two_are_a_fault() -> 
 
 
 def test_a_missed_frame_is_looked_at_more_closely_until_a_second_one_confirms_it() -> None:
-    """What stays missed is not measured more often than what is shown: a share rests on it."""
+    """What stays missed is measured no oftener than what is shown."""
     coverage = VisibilityCoverage()
     suspect = []
     for k, is_shown in enumerate((True, False, True, False, False, False)):
@@ -199,6 +199,22 @@ def test_what_only_confirms_a_miss_counts_in_no_share(shows: str, share: float) 
     assert (fault is None) == (share >= 0.5)
     if fault is not None:
         assert "in view in 5 measured frames, 2 showed it" in fault.text
+
+
+def test_what_only_confirms_hides_no_object_that_every_second_frame_displaces() -> None:
+    """With it a third of the frames, no more, would be displaced."""
+    by_turns = [
+        frame
+        for k in range(6)
+        for frame in (
+            seen(k, offset=87.0),
+            replace(seen(k + 0.07), confirms=True),
+            seen(k + 0.2),
+        )
+    ]
+    _, fault = flown([seen(-1.0), seen(-0.8), *by_turns])
+    assert fault is not None
+    assert fault.text.startswith("the mixture shows gate 87 px from its place")
 
 
 def test_objects_left_out_by_name_are_counted() -> None:

@@ -33,6 +33,7 @@ from wil_campaign.plugins.lidar.rangefinder import RangefinderOptions
 from wil_campaign.plugins.lidar.visibility import lidar_reach_m
 from wil_campaign.recipes.language.recipe_files import load_recipe_file
 from wil_campaign.recipes.model.recipe import Combination
+from wil_campaign.recipes.visibility.coverage import uncovered_objects
 from wil_campaign.recipes.visibility.model import (
     ExpectedRanges,
     FrameVisibility,
@@ -153,32 +154,60 @@ def measured(folder: Path, sensor: SensorSetup, noise: NoiseSetName, at_m: float
     return gate
 
 
-def test_a_mixture_after_a_wrong_one_is_measured_early_and_confirms_it() -> None:
-    """At 100 Hz: the next one that is due is at least 0.05 s away."""
+def probed(shows: dict[str, str], *, rate_hz: float, count: int) -> tuple[Any, list[Any]]:
+    """Return a probe, and the numbers of the mixtures that it measured, each with its visibility.
 
-    def seen(real: Any, mixed: Any, at: ReadingExposure) -> FrameVisibility:
-        del real, mixed
-        is_shown = at.t_s > 1.0
-        gate = ObjectVisibility(
-            "gate", True, 0.1, float(is_shown), is_shown, 0.0 if is_shown else None, 10.0, "px"
+    shows: by object in view whether each mixture shows it (S) or misses it (M), by turns.
+    """
+
+    def seen(real: Any, mixed: int, at: ReadingExposure) -> FrameVisibility:
+        del real
+        objects = tuple(
+            ObjectVisibility(name, True, 0.1, is_shown, is_shown, None, 10.0, "px")
+            for name, turns in shows.items()
+            for is_shown in [turns[mixed % len(turns)] == "S"]
         )
-        return FrameVisibility(at.t_s, (gate,))
+        return FrameVisibility(at.t_s, objects)
 
     parts: Any = SimpleNamespace(is_judged=lambda: True, body=lambda _: AT_ORIGIN)
-    views: Any = SimpleNamespace(merged_real=lambda: ())
+    views: Any = SimpleNamespace(merged_real=lambda: 0)
     comparison: Any = SimpleNamespace(compare=seen)
     probe = VisibilityProbe(parts, comparison=comparison, views=views)
     found = []
-    for k in range(20):
-        given: Any = SimpleNamespace(reading=(), provenance=SimpleNamespace(real_t_s=1.0 + k / 100))
+    for k in range(count):
+        made = SimpleNamespace(real_t_s=1.0 + k / rate_hz)
+        given: Any = SimpleNamespace(reading=k, provenance=made)
         visibility = probe.measure(given)
         if visibility is not None:
             probe.coverage.observe(visibility)
-            found.append((k, visibility.confirms))
-    assert found[:2] == [(0, False), (1, True)]
-    assert all(not confirms and k >= 6 for k, confirms in found[2:])
+            found.append((k, visibility))
+    return probe, found
+
+
+def test_a_mixture_after_a_wrong_one_is_measured_early_and_confirms_it() -> None:
+    """At 100 Hz: the next one that is due is at least 0.05 s away."""
+    probe, found = probed({"gate": "M" + "S" * 19}, rate_hz=100.0, count=20)
+    confirms = [(k, visibility.confirms) for k, visibility in found]
+    assert confirms[:2] == [(0, False), (1, True)]
+    assert all(not is_early and k >= 5 for k, is_early in confirms[2:])
     gate = probe.coverage.objects["gate"]
     assert (gate.in_view, gate.due) == (len(found), len(found) - 1)
+
+
+def test_what_confirms_postpones_nothing_that_is_due() -> None:
+    """Each of these mixtures confirms the one before; the first alone would decide the shares."""
+    turns = {"person": "SMM", "gate": "SSM", "wall": "MSS"}
+    probe, found = probed(turns, rate_hz=100.0, count=6000)
+    assert len(found) == 6000
+    calm, _ = probed(dict.fromkeys(turns, "S"), rate_hz=100.0, count=6000)
+    shares = {}
+    for name, one in probe.coverage.objects.items():
+        assert one.due == calm.coverage.objects[name].due
+        shares[name] = one.due_shown / one.due
+    assert shares == pytest.approx({"person": 1 / 3, "gate": 2 / 3, "wall": 2 / 3}, abs=0.05)
+    fault = uncovered_objects([probe.coverage])
+    assert fault is not None
+    assert fault.text.startswith("the mixture hardly showed person: ")
 
 
 def _combination(folder: Path) -> Combination:

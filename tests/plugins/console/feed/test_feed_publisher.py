@@ -3,9 +3,10 @@
 import socket
 import time
 from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from pathlib import Path
 from statistics import median
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -125,28 +126,28 @@ def test_a_console_that_never_reads_holds_up_nothing() -> None:
     assert not feed._thread.is_alive()
 
 
-def test_a_console_whose_queue_is_full_at_the_end_gets_the_last_event() -> None:
-    """Else it shows a run that has ended as one that still lands."""
+def test_a_console_whose_queue_is_full_at_the_end_gets_the_last_event(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Else it shows a run that has ended as one that still lands. It reads while the feed waits."""
     last = 40
     numbers: list[int] = []
-    with feed_receiver() as end, publisher() as feed:
-        wait_for(lambda: feed._has_consoles)
+    with feed_receiver() as end:
 
-        def read() -> None:
-            wait_for(lambda: feed._is_over)
-            time.sleep(0.05)  # of the half second that it may take
-            end.settimeout(1.0)
-            while not numbers or numbers[-1] < last:
-                message = feed_codec.decode(end.recv(1 << 18))
-                if isinstance(message, EventView):
-                    numbers.append(message.number)
+        def read(_: float = 0.0) -> None:
+            with suppress(BlockingIOError):
+                while True:
+                    message = feed_codec.decode(end.recv(1 << 18))
+                    if isinstance(message, EventView):
+                        numbers.append(message.number)
 
-        for _ in range(last):
-            feed.event(1.0, "vehicle", "text", "")
-        with ThreadPoolExecutor(1) as pool:
-            reading = pool.submit(read)
-            feed.__exit__()
-            reading.result()
+        waiting = SimpleNamespace(sleep=read, monotonic=time.monotonic)
+        monkeypatch.setattr("wil_campaign.plugins.console.feed.feed_publisher.time", waiting)
+        with publisher() as feed:
+            wait_for(lambda: feed._has_consoles)
+            for _ in range(last):
+                feed.event(1.0, "vehicle", "text", "")
+        read()
     assert numbers == list(range(1, last + 1))
 
 

@@ -435,7 +435,7 @@ def test_a_collada_surface_looks_as_its_material_says(
 @pytest.mark.parametrize(
     ("look", "changes", "said"),
     [
-        (TEXTURE, {"image": "file:///home/t.png"}, "material 'paint' names the image 'file:///ho"),
+        (TEXTURE, {"image": "file:///pics/t.png"}, "material 'paint' names the image 'file:///pi"),
         (TEXTURE, {"image": "none.png"}, "material 'paint' names the image 'none.png': no such"),
         (TEXTURE, {"set": "7"}, "material 'paint' has a texture, and faces with it have no places"),
         (TEXTURE.replace('"sp"', '"no"'), {}, "material 'paint' has the image 'no', which does"),
