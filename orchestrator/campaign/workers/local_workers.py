@@ -24,8 +24,11 @@ from wil_campaign.orchestrator.campaign.workers.left_processes import (
     end_despite_threads,
 )
 from wil_campaign.orchestrator.campaign.workers.run_server import (
+    LOST_STATUS,
+    has_run_server_ended,
     run_context,
     run_environment,
+    run_server_process,
     start_run_server,
 )
 from wil_campaign.orchestrator.campaign.workers.run_workers import (
@@ -44,6 +47,8 @@ from wil_campaign.vehicles.vehicle_server_process import (
 )
 
 _PROGRESS_S = 0.1
+_ENDING_S = 2.0
+"""For how long a run server may still take to end whose sockets are closed already."""
 _KILLED_S = 20.0
 """A killed process that has not ended after so long never ends: a device holds it."""
 _ORPHANED = "the run itself: its parent process died"
@@ -170,7 +175,8 @@ def _lost_by_exception(error: BaseException) -> WorkerLost:
 class LocalWorker(Generic[Order, Outcome]):
     """A worker process of this machine, and the pipe to it. completed: see LocalWorkers.
 
-    mark: of the autonomy's calls in the process. prepare: called before an order is sent.
+    mark: of the autonomy's calls in the process. prepare: called before an order is sent. server:
+    the process id of the run server that forked it.
     """
 
     def __init__(
@@ -179,8 +185,11 @@ class LocalWorker(Generic[Order, Outcome]):
         connection: Connection,
         completed: Callable[[Order], Outcome | None],
         mark: CallMark,
+        *,
         prepare: Callable[[Order], None] = lambda _: None,
+        server: int | None = None,
     ) -> None:
+        self._server = server
         self._prepare = prepare
         self._mark = mark
         self._process = process
@@ -247,9 +256,20 @@ class LocalWorker(Generic[Order, Outcome]):
             if self._process.is_alive():
                 how = ", nor when killed: it waits for a device, such as a disk"
             return f"worker process {self._process.pid} did not exit{how}"
-        if self._process.exitcode:
-            return _exit_text(self._process.exitcode, "after its last verdict")
-        return ""
+        if not self._process.exitcode:
+            return ""
+        if (
+            self._process.exitcode == LOST_STATUS
+            and self._server is not None
+            and await loop.run_in_executor(None, has_run_server_ended, self._server, _ENDING_S)
+        ):
+            print(  # noqa: T201  # no fault of this run, which has a result
+                f"the run server was ended by another, so that nothing is known of the end of "
+                f"worker process {self._process.pid}",
+                file=sys.stderr,
+            )
+            return ""
+        return _exit_text(self._process.exitcode, "after its last verdict")
 
 
 class LocalWorkers(Generic[Order, Outcome]):
@@ -297,7 +317,18 @@ class LocalWorkers(Generic[Order, Outcome]):
             server.start()
 
     def _start(self) -> LocalWorker[Order, Outcome]:
+        """Start a process, on another run server where this one ends meanwhile."""
         start_run_server()  # it may have been killed
+        server = run_server_process()
+        try:
+            return self._fork(server)
+        except (OSError, EOFError):
+            if server is None or not has_run_server_ended(server, _ENDING_S):
+                raise
+        start_run_server()
+        return self._fork(run_server_process())
+
+    def _fork(self, forked_by: int | None) -> LocalWorker[Order, Outcome]:
         ours, theirs = self._context.Pipe()
         mark, server = CallMark(), self._vehicle_server
         process = self._context.Process(
@@ -320,7 +351,9 @@ class LocalWorkers(Generic[Order, Outcome]):
         finally:
             os.close(mark.descriptor)
         theirs.close()
-        return LocalWorker(process, ours, self._completed, mark, self._prepare)
+        return LocalWorker(
+            process, ours, self._completed, mark, prepare=self._prepare, server=forked_by
+        )
 
 
 async def await_message(connection: Connection) -> None:

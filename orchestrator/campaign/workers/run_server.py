@@ -13,6 +13,7 @@ import socket
 import stat
 import tempfile
 import threading
+import time
 from collections.abc import Iterator
 from multiprocessing import forkserver, util
 from multiprocessing.context import ForkServerContext
@@ -26,6 +27,9 @@ _PRELOADED = "wil_campaign.orchestrator.campaign.workers.run_server_imports"
 _SAFE_PATH = "PYTHONSAFEPATH"
 IGNORED_SIGNALS = (signal.SIGTERM, signal.SIGHUP)
 """They reach the whole process group; the server ends when its campaign does."""
+LOST_STATUS = 255
+"""What `multiprocessing` gives for the exit status of a run whose run server has ended."""
+_ENDING_TURN_S = 0.01
 _STARTING = threading.Lock()
 """Held while the environment of this process is that of the run server."""
 
@@ -81,6 +85,27 @@ def running_context() -> ForkServerContext | None:
     except OSError:
         return None
     return run_context()
+
+
+def run_server_process() -> int | None:
+    """Return the process id of this program's run server, or None."""
+    server: Any = getattr(forkserver, "_forkserver")  # noqa: B009 - private
+    process: int | None = server._forkserver_pid  # noqa: SLF001
+    return process
+
+
+def has_run_server_ended(process: int, wait_s: float = 0.0) -> bool:
+    """Return whether a run server of this program has ended, or does so within `wait_s` seconds."""
+    until = time.monotonic() + wait_s
+    while True:
+        try:
+            if os.waitid(os.P_PID, process, os.WEXITED | os.WNOHANG | os.WNOWAIT) is not None:
+                return True
+        except ChildProcessError:  # `multiprocessing` has seen its end
+            return True
+        if time.monotonic() >= until:
+            return False
+        time.sleep(_ENDING_TURN_S)
 
 
 def _forget_lost_server() -> None:

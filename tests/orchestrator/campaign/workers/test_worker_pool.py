@@ -585,6 +585,31 @@ def test_a_thread_that_a_run_leaves_does_not_keep_its_process(
     assert "left threads running, and ends without them: spin of one" in capfd.readouterr().err
 
 
+def fly_without_server(order: str, report: Report, inbox: OperatorInbox) -> str:
+    """Kill the run server, the parent of this process."""
+    os.kill(os.getppid(), signal.SIGKILL)
+    return f"flown {order}"
+
+
+def test_the_death_of_the_run_server_is_no_fault_of_a_run_that_was_done(
+    capfd: pytest.CaptureFixture[str],
+) -> None:
+    """A worker's exit status is lost with it; 255 stands in its place, which no worker said."""
+    outcomes: Outcomes = {}
+    complaints: list[str] = []
+    pool = WorkerPool[str, str](
+        jobs=1,
+        workers=LocalWorkers(fly_without_server),
+        report=lambda news: None,
+        done=outcomes.__setitem__,
+        ended_badly=complaints.append,
+    )
+    asyncio.run(pool.fly(["a", "b"]))
+    assert outcomes == {"a": "flown a", "b": "flown b"}
+    assert complaints == []
+    assert "the run server was ended by another" in capfd.readouterr().err
+
+
 def fly_into_error(order: str, report: Report, inbox: OperatorInbox) -> str:
     """Stand in for a run that fails while its guard still lands; order: where that program is."""
     del report, inbox
