@@ -140,8 +140,14 @@ def _call_command(tokens: list[str]) -> int:
     if command is not None and command.flies and not {*app.help_flags} & {*tokens}:
         _start_run_server()
     _import_module(command)
-    code = app(tokens, result_action="return_value")
-    return code if isinstance(code, int) else 0
+    code: object = app(tokens, result_action="return_value")
+    if code is None:
+        return 0
+    # True would be a failure, and text a success.
+    if isinstance(code, bool) or not isinstance(code, int):
+        whose = whose_fault_text(plugin_that_adds(hooks.commands, tokens[0]))
+        raise TypeError(f"command {tokens[0]} returned {code!r}, which is no exit code{whose}")
+    return code
 
 
 def all_commands() -> Mapping[str, Command]:

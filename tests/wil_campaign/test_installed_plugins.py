@@ -350,6 +350,17 @@ def test_a_command_of_a_plugin_that_fails_is_named(
     assert said == f"internal error: OSError: no water; {PLUGIN}: mend it, or uninstall it"
 
 
+@pytest.mark.parametrize("returned", ["'it failed'", "True", "1.0"])
+def test_a_command_of_a_plugin_that_returns_no_exit_code_is_named(
+    install: Install, capsys: pytest.CaptureFixture[str], returned: str
+) -> None:
+    """Text was exit code 0, and True was 1."""
+    install(SONAR.replace("return 5", f"return {returned}"))
+    assert main(["ping"]) == 3
+    said = f"command ping returned {returned}, which is no exit code"
+    assert capsys.readouterr().err.startswith(f"internal error: TypeError: {said}; {PLUGIN}: mend")
+
+
 def test_a_command_of_a_plugin_that_cannot_be_imported_is_named(
     install: Install, capsys: pytest.CaptureFixture[str]
 ) -> None:
