@@ -52,6 +52,13 @@ def test_the_password_of_a_camera_is_in_no_file_of_the_results(
         ('{"a": "rtsps://:x@h", "b": "c@d"}', '{"a": "rtsps://:***@h", "b": "c@d"}'),
         ("rtsp://a:b@h,rtsp://c:d@i/e", "rtsp://a:***@h,rtsp://c:***@i/e"),
         ("rtsp://h:554/user=admin&password=x&n=1", "rtsp://h:554/user=admin&password=***&n=1"),
+        ("'rtsp://bob:it's@cam/main': no", "'rtsp://bob:***@cam/main': no"),
+        ("rtsp://bob:a/b/c@cam/main", "rtsp://bob:***@cam/main"),
+        ('{"a": "rtsp://bob:q\\"r@cam/main"}', '{"a": "rtsp://bob:***@cam/main"}'),
+        ("'rtsp://h/main?token=it's&n=1': no", "'rtsp://h/main?token=***&n=1': no"),
+        ("'rtsp://h/main?token=abc': no", "'rtsp://h/main?token=***': no"),
+        ("http://h:80/icon@2x.png", "http://h:80/icon@2x.png"),
+        ("mqtt://h:1883 asks bob@site", "mqtt://h:1883 asks bob@site"),
         (
             "tcp://127.0.0.1:5555 and rtsp://bob@h/main",
             "tcp://127.0.0.1:5555 and rtsp://bob@h/main",

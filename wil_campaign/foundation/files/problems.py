@@ -10,8 +10,17 @@ _WIDEST_LINE = 100
 _LIKE_ENOUGH = 0.6
 
 _PASSWORDS = (
-    re.compile(r"""(://[^/:@\s"']*:)[^/\s"']*(@)"""),
-    re.compile(r"""(?i)([?&](?:pass|passwd|password|pwd|token|key)=)[^&\s"']+()"""),
+    re.compile(
+        r"""(://[^/:@\s"']*:)
+        (?:(?:\\.|[^/\s"\\])*  # may have the '@' and the apostrophe, and the quote of JSON
+        |(?!\d+/)(?:\\.|(?!://)[^\s"\\])*)  # a slash too: then it is no port
+        (@)""",
+        re.VERBOSE,
+    ),
+    re.compile(
+        r"""([?&](?:pass|passwd|password|pwd|token|key)=)[^&\s"]*[^&\s"':;,.)\]}]()""",
+        re.IGNORECASE,
+    ),
 )
 """What a password in an address looks like: the groups before and after it stay."""
 
