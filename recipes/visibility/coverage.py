@@ -182,6 +182,7 @@ class VisibilityCoverage:
         digits = 0 if one.unit == "px" else 2
         offset = distinct_value_text(one.offset, float(f"{one.limit:.3g}"), digits=digits)
         off = f"{offset} {one.unit} from its place at {t_s:.3f} s"
+        off = f"in the place of {one.place_of}, {off}" if one.place_of else off
         text = f"{self._shower} shows {one.name} {off}; the limit is {one.limit:.3g} {one.unit}"
         return VisibilityFault(t_s, text)
 

@@ -14,6 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from wil_campaign.recipes.visibility.exchange import ColoredImages, with_exchanged
 from wil_campaign.recipes.visibility.matching import best_shift
 from wil_campaign.recipes.visibility.model import (
     ExpectedImage,
@@ -89,6 +90,8 @@ def compare_images(pair: ImagePair) -> FrameVisibility:
         found = compare_outlines(pair, changed, ids)
     else:
         found = _match_objects(replace(pair, virtual=virtual), changed, ids)
+    if pair.is_like:
+        found = replace(found, objects=_with_exchanged(pair, found.objects, changed, ids))
     known = expected.ids if expected.unknown is None else expected.ids * ~expected.unknown
     least = IN_VIEW_SHARE * known.size
     if through := _shown_through(pair, known):
@@ -97,6 +100,21 @@ def compare_images(pair: ImagePair) -> FrameVisibility:
     sought = tuple(one for one in found.objects if one.name in virtual.names.values())
     not_mixed = virtual.not_mixed_in(_inner(known), least=least)
     return replace(found, objects=sought, not_mixed=not_mixed)
+
+
+def _with_exchanged(
+    pair: ImagePair, found: tuple[ObjectVisibility, ...], changed: Mask, ids: NDArray[np.uint8]
+) -> tuple[ObjectVisibility, ...]:
+    """Return the objects of a mixed image; those that are shown as each other are displaced."""
+    images = ColoredImages(
+        real_bgr=pair.real_bgr,
+        mixed_bgr=pair.mixed_bgr,
+        expected_bgr=pair.expected.image_bgr,
+        ids=ids,
+        changed=changed,
+        px_per_sample=pair.expected.px_per_sample,
+    )
+    return with_exchanged(found, pair.virtual.names, images)
 
 
 def well_within(mask: Mask) -> Mask:

@@ -86,7 +86,8 @@ class ObjectVisibility:
 
     expected: expected share of the reading, 0 to 1. shown: share of that in the mixture, 0 to 1.
     offset: distance of the shown object from its place, in `unit`; None where it is not shown.
-    limit: of the offset.
+    limit: of the offset. place_of: the object in whose place it is shown, which is shown in its
+    own; "" for none.
     """
 
     name: str
@@ -97,6 +98,7 @@ class ObjectVisibility:
     offset: float | None
     limit: float
     unit: Unit
+    place_of: str = ""
 
     @property
     def is_displaced(self) -> bool:

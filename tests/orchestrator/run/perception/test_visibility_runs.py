@@ -82,6 +82,11 @@ class Seldom:
     def __call__(self, work, other):
         self.count += 1
         return work if self.count % 3 == 0 else Masked(work.reading, np.zeros_like(work.mask))
+
+
+def red_for_blue(work, other):
+    image = np.ascontiguousarray(work.reading.image_bgr[:, :, ::-1])
+    return Masked(replace(work.reading, image_bgr=image), work.mask)
 """
 ORANGE = "{isolate_color: {name: orange}}"
 OVERLAY = "{overlay: {priority: [twin, real]}}"
@@ -216,6 +221,26 @@ def test_a_mixture_that_shows_the_gate_in_one_image_of_three_is_invalid(
     flown = watch(recipe(steps), *quick, "recipe.sensors.camera.rate_hz=15")
     assert flown.run["verdict"] == "INVALID"
     assert "the mixture hardly showed gate" in flown.run["reason"]
+
+
+@pytest.mark.parametrize("is_exchanged", [False, True])
+def test_two_gates_of_which_each_is_shown_as_the_other_are_invalid(
+    watch: Watching, *, is_exchanged: bool
+) -> None:
+    """Their outlines were where they are expected: a red and a blue gate exchanged were a PASS."""
+    shape = "shape: {gate: {inner_size_m: 0.6}}, exists_in: {sim: Wv, wil: Wv, real: W}"
+    gates = (
+        f"world.objects.{name}={{{shape}, color: {color}, pose: {{{place}, up_m: 1.2}}}}"
+        for name, color, place in (
+            ("gate", "red", "north_m: 3, east_m: -0.7"),
+            ("other", "blue", "north_m: 3, east_m: 0.7"),
+        )
+    )
+    exchange = ", {use: 'own.py:red_for_blue', on: twin}" if is_exchanged else ""
+    flown = watch(recipe("{isolate_objects: [gate, other]}" + exchange), *gates)
+    assert flown.run["verdict"] == ("INVALID" if is_exchanged else "PASS")
+    said = "mixing of camera: the mixture shows gate in the place of other, "
+    assert flown.run["reason"].startswith(said if is_exchanged else "")
 
 
 def test_a_late_whole_picture_is_invalid(invalid: Watching) -> None:
