@@ -8,14 +8,17 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from itertools import combinations
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from wil_campaign.recipes.visibility.model import Ids, Mask, ObjectVisibility
 from wil_campaign.vehicles.readings import BgrImage
 
+Color = NDArray[np.float64]
+"""A mean colour, (3,): blue, green, red, 0 to 255."""
 Colors = NDArray[np.float64]
-"""Mean colours of two objects, (2, 3): blue, green, red, 0 to 255."""
+"""Those of two objects, (2, 3)."""
 
 _DISTINCT = 20.0
 """Least difference of two objects' mean colours, in grey levels: below it noise and light may
@@ -42,6 +45,19 @@ class ColoredImages:
     px_per_sample: int
 
 
+@dataclass(frozen=True, slots=True)
+class _Place:
+    """The place of an expected object. edges: left, right, top, bottom, in samples.
+
+    real, mixed, expected: mean colours there, where the mixture differs from the real image; (3,).
+    """
+
+    real: Color
+    mixed: Color
+    expected: Color
+    edges: tuple[int, int, int, int]
+
+
 def with_exchanged(
     found: Iterable[ObjectVisibility], names: Mapping[int, str], images: ColoredImages
 ) -> tuple[ObjectVisibility, ...]:
@@ -50,30 +66,67 @@ def with_exchanged(
     names: of the objects by id.
     """
     objects = {one.name: one for one in found}
-    shown = [i for i, name in names.items() if name in objects and objects[name].is_shown]
+    shown = {name: i for i, name in names.items() if name in objects and objects[name].is_shown}
+    if len(shown) < 2:
+        return tuple(objects.values())
+    images = _around(shown.values(), images)
+    places = {name: _place_of(i, images) for name, i in shown.items()}
     for pair in combinations(shown, 2):
-        if not _are_exchanged(pair, images):
+        one, other = (places[name] for name in pair)
+        if one is None or other is None or not _are_exchanged(one, other):
             continue
-        offset = _apart_samples(pair, images.ids) * images.px_per_sample
-        for own, other in (pair, pair[::-1]):
-            one = objects[names[own]]
-            if offset > max(one.limit, one.offset or 0.0):
-                objects[one.name] = replace(one, offset=offset, place_of=names[other])
+        apart = max(abs(a - b) for a, b in zip(one.edges, other.edges, strict=True))
+        offset = float(apart * images.px_per_sample)
+        for name, place_of in (pair, pair[::-1]):
+            known = objects[name]
+            if offset > max(known.limit, known.offset or 0.0):
+                objects[name] = replace(known, offset=offset, place_of=place_of)
     return tuple(objects.values())
 
 
-def _are_exchanged(pair: tuple[int, int], images: ColoredImages) -> bool:
-    """Return whether two objects have each other's colours rather than their own."""
-    places = [(images.ids == one) & images.changed for one in pair]
-    if any(np.count_nonzero(place) < _LEAST_PIXELS for place in places):
-        return False
-    real, mixed, expected = (
-        np.array([image[place].mean(axis=0) for place in places], np.float64)
-        for image in (images.real_bgr, images.mixed_bgr, images.expected_bgr)
+def _around(numbers: Iterable[int], images: ColoredImages) -> ColoredImages:
+    """Return copies of the part around the objects of these ids, which OpenCV reads fast."""
+    wanted = np.zeros(256, np.uint8)
+    wanted[list(numbers)] = 1
+    left, top, width, height = cv2.boundingRect(wanted[images.ids])
+    part = np.s_[top : top + height, left : left + width]
+    return ColoredImages(
+        real_bgr=images.real_bgr[part].copy(),
+        mixed_bgr=images.mixed_bgr[part].copy(),
+        expected_bgr=images.expected_bgr[part].copy(),
+        ids=images.ids[part].copy(),
+        changed=images.changed[part].copy(),
+        px_per_sample=images.px_per_sample,
     )
-    apart = expected[0] - expected[1]
-    if float(np.linalg.norm(apart)) < _DISTINCT or float((mixed[0] - mixed[1]) @ apart) >= 0.0:
+
+
+def _place_of(number: int, images: ColoredImages) -> _Place | None:
+    """Return the place of the object of an id; None where too little of it is changed."""
+    where = (images.ids == number).view(np.uint8)
+    changed = where & images.changed.view(np.uint8)
+    if cv2.countNonZero(changed) < _LEAST_PIXELS:
+        return None
+    left, top, width, height = cv2.boundingRect(where)
+    return _Place(
+        real=_mean_color(images.real_bgr, changed),
+        mixed=_mean_color(images.mixed_bgr, changed),
+        expected=_mean_color(images.expected_bgr, changed),
+        edges=(left, left + width, top, top + height),
+    )
+
+
+def _mean_color(image_bgr: BgrImage, where: NDArray[np.uint8]) -> Color:
+    return np.array(cv2.mean(image_bgr, where)[:3], np.float64)
+
+
+def _are_exchanged(one: _Place, other: _Place) -> bool:
+    """Return whether two objects have each other's colours rather than their own."""
+    apart = one.expected - other.expected
+    if float(np.linalg.norm(apart)) < _DISTINCT or float((one.mixed - other.mixed) @ apart) >= 0.0:
         return False
+    real = np.stack([one.real, other.real])
+    mixed = np.stack([one.mixed, other.mixed])
+    expected = np.stack([one.expected, other.expected])
     own = _residual(real, mixed, expected)
     return _residual(real, mixed, expected[::-1]) < _BETTER * own
 
@@ -87,12 +140,3 @@ def _residual(real: Colors, mixed: Colors, objects: Colors) -> float:
     power = float((laid * laid).sum())
     share = float((laid * change).sum()) / power if power > 0.0 else 1.0
     return float(np.linalg.norm(change - min(1.0, max(_LEAST_SHARE, share)) * laid))
-
-
-def _apart_samples(pair: tuple[int, int], ids: Ids) -> float:
-    """Return the largest difference of two objects' edges: of place or size, in image samples."""
-    boxes = []
-    for one in pair:
-        rows, columns = np.nonzero(ids == one)
-        boxes.append((rows.min(), rows.max(), columns.min(), columns.max()))
-    return float(max(abs(int(one) - int(other)) for one, other in zip(*boxes, strict=True)))
