@@ -5,6 +5,7 @@ records. Format: the MCAP specification, version 0.
 """
 
 import struct
+import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from io import BytesIO
@@ -12,8 +13,9 @@ from pathlib import Path
 from typing import IO
 
 from mcap.data_stream import ReadDataStream
+from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.records import Channel, Chunk, Message, Metadata, Schema
+from mcap.records import Channel, Chunk, DataEnd, Message, Metadata, Schema
 
 from wil_campaign.orchestrator.recording.errors import RecordingError
 from wil_campaign.vehicles.sources.mcap_limits import (
@@ -24,6 +26,11 @@ from wil_campaign.vehicles.sources.mcap_limits import (
 )
 
 MAGIC = b"\x89MCAP0\r\n"
+
+
+class ChecksumError(McapError):
+    """The data of an MCAP file are not those that its writer wrote."""
+
 
 Record = Schema | Channel | Message | Metadata
 
@@ -40,12 +47,16 @@ class RecordStreamEnd:
 class RecordStream:
     """Iterates over an MCAP file's records, chunk by chunk; `end` tells where it ended.
 
-    Memory: one chunk. Raises RecordingError for a file that is not MCAP; OSError.
+    Memory: one chunk. The checksum of all data, where the file has it, is compared at their end:
+    a chunk whose own head is damaged looks like a record of another kind, which is skipped. Raises
+    RecordingError for a file that is not MCAP; OSError.
     """
 
     def __init__(self, path: Path) -> None:
         self._path = path
         self.end: RecordStreamEnd | None = None
+        self._checksum = 0
+        self._has_all_data = False
 
     def __iter__(self) -> Iterator[Record]:
         with self._path.open("rb") as file:
@@ -54,6 +65,7 @@ class RecordStream:
             if not MAGIC.startswith(magic):
                 raise RecordingError(f"{self._path}: not an MCAP file (it begins with {magic!r})")
             self.end = None
+            self._checksum, self._has_all_data = zlib.crc32(magic), False
             while self.end is None:
                 yield from self._read_records(file, size_bytes)
 
@@ -73,14 +85,35 @@ class RecordStream:
             if head[0] == Opcode.FOOTER:
                 self.end = self._footer(file, begin)
                 return
+            if not self._has_all_data:
+                self._check_data(head, content)
             yield from _parse(head[0], content)
         except ChunkLimitError as error:
             raise RecordingError(f"{self._path}: after byte {begin}: {error}") from error
+        except ChecksumError:
+            reason = f"damaged before byte {begin}: the checksum of its data differs"
+            self.end = RecordStreamEnd(whole=False, read_bytes=begin, reason=reason)
         except DAMAGED as error:
             reason = f"damaged after byte {begin}: {type(error).__name__}"
             self.end = RecordStreamEnd(whole=False, read_bytes=begin, reason=reason)
 
+    def _check_data(self, head: bytes, content: bytes) -> None:
+        """Compare the checksum of the MCAP file's data at their end; 0 there: it has none.
+
+        Raises ChecksumError where it differs.
+        """
+        if head[0] != Opcode.DATA_END:
+            self._checksum = zlib.crc32(content, zlib.crc32(head, self._checksum))
+            return
+        self._has_all_data = True
+        stated = DataEnd.read(ReadDataStream(BytesIO(content))).data_section_crc
+        if stated not in {0, self._checksum}:
+            raise ChecksumError
+
     def _footer(self, file: IO[bytes], begin: int) -> RecordStreamEnd:
+        if not self._has_all_data:
+            reason = f"damaged before byte {begin}: the record of the end of its data is missing"
+            return RecordStreamEnd(whole=False, read_bytes=begin, reason=reason)
         if file.read(len(MAGIC)) == MAGIC:
             return RecordStreamEnd(whole=True, read_bytes=file.tell())
         return RecordStreamEnd(whole=False, read_bytes=begin, reason=f"cut after byte {begin}")

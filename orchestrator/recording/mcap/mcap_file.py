@@ -58,6 +58,7 @@ class ChunkedFile:
             _Unbuffered(self._raw),  # type: ignore[arg-type]  # it only needs these methods
             chunk_size=_NEVER,
             compression=_COMPRESSION[compression],
+            enable_data_crcs=True,
         )
         self._chunk_bytes = chunk_bytes
         self._chunk_ns = chunk_ns

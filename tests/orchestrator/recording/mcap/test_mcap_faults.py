@@ -4,6 +4,7 @@ import errno
 import io
 import os
 import signal
+import struct
 import subprocess
 import sys
 import threading
@@ -17,6 +18,7 @@ from typing import Any, cast
 import pytest
 import zstandard
 from mcap.exceptions import EndOfFile
+from mcap.opcode import Opcode
 from mcap.stream_reader import StreamReader
 
 from tests.orchestrator.mcap_runs import (
@@ -140,6 +142,51 @@ def test_a_damaged_chunk_ends_the_reading_with_its_place(tmp_path: Path) -> None
         assert recording.end.reason.startswith(f"damaged after byte {recording.end.read_bytes}")
         assert first <= recording.end.read_bytes < second
         assert len(found) == first_count
+
+
+def test_each_flipped_byte_of_the_data_is_noticed(tmp_path: Path) -> None:
+    path, damaged = tmp_path / "run.mcap", tmp_path / "damaged.mcap"
+    a_run(path, settings=SMALL_CHUNKS)
+    whole = path.read_bytes()
+    data_end = _data_end(whole)
+    heads = {place for place, _ in _records_outside_chunks(whole) if place <= data_end}
+    unnoticed = []
+    for place in sorted({*range(8, data_end + 13, 997), *heads}):
+        damaged.write_bytes(whole[:place] + bytes([whole[place] ^ 0x10]) + whole[place + 1 :])
+        recording = Recording(damaged)
+        try:
+            for _ in recording:
+                pass
+        except RecordingError:
+            continue
+        if recording.end is None or recording.end.whole or not recording.end.reason:
+            unnoticed.append(place)
+    assert not unnoticed
+
+
+def test_a_recording_of_before_its_checksum_reads_as_whole(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    a_run(path, settings=SMALL_CHUNKS)
+    data = bytearray(path.read_bytes())
+    place = _data_end(bytes(data))
+    data[place + 9 : place + 13] = bytes(4)
+    path.write_bytes(data)
+    _, recording = read(path)
+    assert recording.end is not None
+    assert recording.end.whole
+
+
+def _data_end(data: bytes) -> int:
+    return next(at for at, opcode in _records_outside_chunks(data) if opcode == Opcode.DATA_END)
+
+
+def _records_outside_chunks(data: bytes) -> Iterator[tuple[int, int]]:
+    """Yield where each record outside of chunks begins, and its opcode."""
+    at = 8
+    while at + 9 <= len(data) - 8:
+        opcode, length = struct.unpack_from("<BQ", data, at)
+        yield at, opcode
+        at += 9 + length
 
 
 @pytest.mark.parametrize("content", [b"", b"\x89MCAP0", b"\x89MCAP0\r\n", b"\x89MCAP0\r\n\x01"])
