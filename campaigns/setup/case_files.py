@@ -16,7 +16,7 @@ from wil_campaign.foundation.files.documents import (
     parse_option_value,
 )
 from wil_campaign.foundation.files.documents import Path as DocumentPath
-from wil_campaign.foundation.files.paths import is_folder, path_exists
+from wil_campaign.foundation.files.paths import is_file, is_folder, path_exists
 from wil_campaign.recipes.language.recipe_files import load_recipe_document
 from wil_campaign.safety.fence.fence_files import load_fence_file
 
@@ -144,6 +144,9 @@ def _named_file(
     if not path_exists(path):
         message = f"there is no file '{text}' beside the campaign"
         problems.append(file.problem(key, message, _sibling(text, path)))
+        return None
+    if not is_file(path):
+        problems.append(file.problem(key, f"'{text}' beside the campaign is no file"))
         return None
     name = os.path.normpath(Path(file.name).parent / text)
     try:

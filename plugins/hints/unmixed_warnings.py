@@ -55,8 +55,8 @@ def unmixed_sensor_warnings(files: CaseFiles, case: Case) -> Iterator[Problem]:
         return
     if not virtual_only_objects(case.world.scene("wil", "W"), case.world.scene("wil", "Wv")):
         return
-    mixed = case.recipe.sensors_for("real")
-    for sensor in case.vehicles["real"].sensors if mixed else ():
+    mixed, real = case.recipe.sensors_for("real"), case.vehicles.get("real")
+    for sensor in real.sensors if mixed and real is not None else ():
         if sensor.name not in mixed and traits_named(sensor.kind).visibility:
             message = f"mixes no '{sensor.name}' for 'real': it is the real one, without what is"
             yield files.recipe.problem(("combine",), f"{message} virtual", key=True)

@@ -281,6 +281,25 @@ def test_a_vehicle_that_a_mode_needs_must_be_there(files: Any) -> None:
     ]
 
 
+def test_mode_wil_needs_the_real_vehicle(files: Any) -> None:
+    """A warning about its unmixed sensors was an internal error."""
+    text = files.path.read_text()
+    start, end = text.index("  real:"), text.index("  twin:")
+    files.path.write_text(text[:start] + text[end:])
+    assert files.faults() == ["campaign.yaml:3:1: mode wil needs a vehicle 'real'"]
+
+
+@pytest.mark.parametrize("named", [".", "/dev/null"])
+@pytest.mark.parametrize("key", ["world", "recipe"])
+def test_a_folder_in_place_of_a_file_is_reported_at_its_key(
+    files: Any, key: str, named: str
+) -> None:
+    """Its message named the folder alone, no campaign, line or key."""
+    files.change(f"{key}: {key}.yaml", f"{key}: {named}")
+    place = place_of(files.path, f"{key}: @{named}", f"{key}: {named}")
+    assert files.faults() == [f"campaign.yaml:{place}: '{named}' beside the campaign is no file"]
+
+
 def test_mode_wil_needs_a_recipe(files: Any) -> None:
     files.change("recipe: recipe.yaml\n", "")
     assert files.faults() == ["campaign.yaml:1:1: mode wil needs a recipe"]
