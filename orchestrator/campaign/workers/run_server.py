@@ -69,16 +69,15 @@ def _end_importing_server(program: int) -> None:
 
     Later it ignores the signal, and ends with its program. program: the process that started it.
     """
-    server: Any = getattr(forkserver, "_forkserver")  # noqa: B009 - private
-    if os.getpid() == program and server._forkserver_pid is not None:  # noqa: SLF001
+    server = run_server_process()
+    if os.getpid() == program and server is not None:
         with contextlib.suppress(OSError):
-            os.kill(server._forkserver_pid, signal.SIGTERM)  # noqa: SLF001
+            os.kill(server, signal.SIGTERM)
 
 
 def running_context() -> ForkServerContext | None:
     """Return the context of the run server where this program has one, started anew if lost."""
-    server: Any = getattr(forkserver, "_forkserver")  # noqa: B009 - private
-    if server._forkserver_pid is None:  # noqa: SLF001
+    if run_server_process() is None:
         return None
     try:
         start_run_server()
@@ -94,7 +93,7 @@ def run_server_process() -> int | None:
     return process
 
 
-def has_run_server_ended(process: int, wait_s: float = 0.0) -> bool:
+def has_run_server_ended(process: int, wait_s: float) -> bool:
     """Return whether a run server of this program has ended, or does so within `wait_s` seconds."""
     until = time.monotonic() + wait_s
     while True:

@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import IO
 
 from mcap.data_stream import ReadDataStream
-from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, DataEnd, Message, Metadata, Schema
 
@@ -26,10 +25,6 @@ from wil_campaign.vehicles.sources.mcap_limits import (
 )
 
 MAGIC = b"\x89MCAP0\r\n"
-
-
-class ChecksumError(McapError):
-    """The data of an MCAP file are not those that its writer wrote."""
 
 
 Record = Schema | Channel | Message | Metadata
@@ -85,30 +80,28 @@ class RecordStream:
             if head[0] == Opcode.FOOTER:
                 self.end = self._footer(file, begin)
                 return
-            if not self._has_all_data:
-                self._check_data(head, content)
+            if not self._has_all_data and self._data_differ(head, content):
+                reason = f"damaged before byte {begin}: the checksum of its data differs"
+                self.end = RecordStreamEnd(whole=False, read_bytes=begin, reason=reason)
+                return
             yield from _parse(head[0], content)
         except ChunkLimitError as error:
             raise RecordingError(f"{self._path}: after byte {begin}: {error}") from error
-        except ChecksumError:
-            reason = f"damaged before byte {begin}: the checksum of its data differs"
-            self.end = RecordStreamEnd(whole=False, read_bytes=begin, reason=reason)
         except DAMAGED as error:
             reason = f"damaged after byte {begin}: {type(error).__name__}"
             self.end = RecordStreamEnd(whole=False, read_bytes=begin, reason=reason)
 
-    def _check_data(self, head: bytes, content: bytes) -> None:
-        """Compare the checksum of the MCAP file's data at their end; 0 there: it has none.
+    def _data_differ(self, head: bytes, content: bytes) -> bool:
+        """Return whether the checksum of the MCAP file's data differs at their end; 0: it has none.
 
-        Raises ChecksumError where it differs.
+        Until then count a record into it.
         """
         if head[0] != Opcode.DATA_END:
             self._checksum = zlib.crc32(content, zlib.crc32(head, self._checksum))
-            return
+            return False
         self._has_all_data = True
         stated = DataEnd.read(ReadDataStream(BytesIO(content))).data_section_crc
-        if stated not in {0, self._checksum}:
-            raise ChecksumError
+        return stated not in {0, self._checksum}
 
     def _footer(self, file: IO[bytes], begin: int) -> RecordStreamEnd:
         if not self._has_all_data:

@@ -56,6 +56,7 @@ def test_the_password_of_a_camera_is_in_no_file_of_the_results(
         ("rtsp://bob:a/b/c@cam/main", "rtsp://bob:***@cam/main"),
         ('{"a": "rtsp://bob:q\\"r@cam/main"}', '{"a": "rtsp://bob:***@cam/main"}'),
         ("'rtsp://h/main?token=it's&n=1': no", "'rtsp://h/main?token=***&n=1': no"),
+        ('{"a": "rtsp://h/main?token=q\\"r"}', '{"a": "rtsp://h/main?token=***"}'),
         ("'rtsp://h/main?token=abc': no", "'rtsp://h/main?token=***': no"),
         ("http://h:80/icon@2x.png", "http://h:80/icon@2x.png"),
         ("mqtt://h:1883 asks bob@site", "mqtt://h:1883 asks bob@site"),

@@ -18,7 +18,7 @@ _PASSWORDS = (
         re.VERBOSE,
     ),
     re.compile(
-        r"""([?&](?:pass|passwd|password|pwd|token|key)=)[^&\s"]*[^&\s"':;,.)\]}]()""",
+        r"""([?&](?:pass|passwd|password|pwd|token|key)=)(?:\\.|[^&\s"\\])*[^&\s"':;,.)\]}\\]()""",
         re.IGNORECASE,
     ),
 )
