@@ -4,11 +4,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from wil_campaign.recipes.visibility.exchange import ColoredImages, with_exchanged
 from wil_campaign.recipes.visibility.images import ImagePair, compare_images
 from wil_campaign.recipes.visibility.model import (
     ExpectedImage,
     FrameVisibility,
     Mask,
+    ObjectVisibility,
     VirtualObjects,
 )
 from wil_campaign.vehicles.readings import BgrImage
@@ -36,7 +38,14 @@ def painted(left: tuple[int, ...], right: tuple[int, ...], on: BgrImage = ROOM) 
     return image
 
 
-def compare(mixed: BgrImage, *, real: BgrImage = ROOM, is_like: bool = True) -> FrameVisibility:
+def compare(
+    mixed: BgrImage,
+    *,
+    real: BgrImage = ROOM,
+    is_like: bool = True,
+    colors: tuple[tuple[int, ...], tuple[int, ...]] = (RED, BLUE),
+    limit_px: float | None = None,
+) -> FrameVisibility:
     """Return what a mixture shows of a red person to the left and a blue one to the right."""
     ids: NDArray[np.uint8] = np.where(LEFT, ANNA, np.where(RIGHT, BERT, 1)).astype(np.uint8)
     return compare_images(
@@ -44,9 +53,9 @@ def compare(mixed: BgrImage, *, real: BgrImage = ROOM, is_like: bool = True) -> 
             t_s=1.0,
             real_bgr=real,
             mixed_bgr=mixed,
-            expected=ExpectedImage(ids, painted(RED, BLUE), None, STEP),
+            expected=ExpectedImage(ids, painted(*colors), None, STEP),
             virtual=VIRTUAL,
-            limit_px=None,
+            limit_px=limit_px,
             is_like=is_like,
         )
     )
@@ -88,6 +97,50 @@ def test_other_light_exchanges_none(gain: float) -> None:
     lit = np.clip(painted(RED, BLUE) * gain, 0, 255).astype(np.uint8)
     frame = compare(np.where((LEFT | RIGHT)[:, :, None], lit, ROOM))
     assert all(one.is_shown and not one.is_displaced for one in frame.objects)
+
+
+def test_dim_persons_before_walls_of_their_own_colours_are_not_exchanged() -> None:
+    """What the dark takes from the walls is nearer to the other's colours; the red one is red."""
+    walls = painted((10, 20, 250), (250, 20, 10))
+    dim = (painted(RED, BLUE, on=walls) * 0.4).astype(np.uint8)
+    frame = compare(np.where((LEFT | RIGHT)[:, :, None], dim, walls), real=walls)
+    assert not any(one.place_of for one in frame.objects)
+
+
+def test_persons_of_nearly_one_colour_are_not_exchanged() -> None:
+    grey, other = (60, 60, 60), (66, 66, 66)
+    frame = compare(painted(other, grey), colors=(grey, other))
+    assert not any(one.place_of for one in frame.objects)
+
+
+def test_an_exchange_within_the_limit_displaces_none() -> None:
+    frame = compare(painted(BLUE, RED), limit_px=400.0)
+    assert not any(one.place_of for one in frame.objects)
+
+
+@pytest.mark.parametrize(("half", "is_seen"), [(1, False), (2, True)])
+def test_an_object_of_a_few_samples_tells_no_colours(half: int, *, is_seen: bool) -> None:
+    """Of 9 samples the mean is that of the edges; 25 suffice."""
+    ids = np.zeros((HEIGHT, WIDTH), np.uint8)
+    for number, x in ((ANNA, 40), (BERT, 120)):
+        ids[60 - half : 61 + half, x - half : x + half + 1] = number
+    expected, mixed = ROOM.copy(), ROOM.copy()
+    expected[ids == ANNA], expected[ids == BERT] = RED, BLUE
+    mixed[ids == ANNA], mixed[ids == BERT] = BLUE, RED
+    shown = [
+        ObjectVisibility(name, True, 0.1, 1.0, True, 0.0, 9.6, "px")  # noqa: FBT003 - its fields
+        for name in ("anna", "bert")
+    ]
+    images = ColoredImages(
+        real_bgr=ROOM,
+        mixed_bgr=mixed,
+        expected_bgr=expected,
+        ids=ids,
+        changed=ids > 0,
+        px_per_sample=STEP,
+    )
+    found = with_exchanged(shown, {ANNA: "anna", BERT: "bert"}, images)
+    assert [bool(one.place_of) for one in found] == [is_seen, is_seen]
 
 
 def test_grey_persons_are_not_exchanged() -> None:

@@ -610,6 +610,27 @@ def test_the_death_of_the_run_server_is_no_fault_of_a_run_that_was_done(
     assert "the run server was ended by another" in capfd.readouterr().err
 
 
+def test_a_run_server_that_ends_before_it_forks_is_started_again(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Its socket may stand while it ends: the connection is refused."""
+    workers = LocalWorkers(fly)
+    fork = workers._fork
+
+    def refused(server: int) -> None:
+        monkeypatch.setattr(workers, "_fork", fork)
+        os.kill(server, signal.SIGKILL)
+        raise ConnectionRefusedError
+
+    monkeypatch.setattr(workers, "_fork", refused)
+    outcomes: Outcomes = {}
+    pool = WorkerPool[str, str](
+        jobs=1, workers=workers, report=lambda _: None, done=outcomes.__setitem__
+    )
+    asyncio.run(pool.fly(["a"]))
+    assert outcomes == {"a": "flown a"}
+
+
 def fly_into_error(order: str, report: Report, inbox: OperatorInbox) -> str:
     """Stand in for a run that fails while its guard still lands; order: where that program is."""
     del report, inbox
