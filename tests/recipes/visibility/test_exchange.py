@@ -99,12 +99,14 @@ def test_other_light_exchanges_none(gain: float) -> None:
     assert all(one.is_shown and not one.is_displaced for one in frame.objects)
 
 
-def test_dim_persons_before_walls_of_their_own_colours_are_not_exchanged() -> None:
-    """What the dark takes from the walls is nearer to the other's colours; the red one is red."""
-    walls = painted((10, 20, 250), (250, 20, 10))
-    dim = (painted(RED, BLUE, on=walls) * 0.4).astype(np.uint8)
-    frame = compare(np.where((LEFT | RIGHT)[:, :, None], dim, walls), real=walls)
-    assert not any(one.place_of for one in frame.objects)
+def test_dim_persons_before_colored_walls_are_not_exchanged() -> None:
+    """The colours of the other one fit better; but the redder one is the redder one."""
+    anna, bert = (233, 191, 187), (176, 133, 249)
+    walls = painted((162, 116, 24), (37, 1, 175))
+    dim = (painted(anna, bert, on=walls) * 0.7).astype(np.uint8)
+    mixed = np.where((LEFT | RIGHT)[:, :, None], dim, walls)
+    frame = compare(mixed, real=walls, colors=(anna, bert))
+    assert all(one.is_shown and not one.place_of for one in frame.objects)
 
 
 def test_persons_of_nearly_one_colour_are_not_exchanged() -> None:
@@ -128,8 +130,7 @@ def test_an_object_of_a_few_samples_tells_no_colours(half: int, *, is_seen: bool
     expected[ids == ANNA], expected[ids == BERT] = RED, BLUE
     mixed[ids == ANNA], mixed[ids == BERT] = BLUE, RED
     shown = [
-        ObjectVisibility(name, True, 0.1, 1.0, True, 0.0, 9.6, "px")  # noqa: FBT003 - its fields
-        for name in ("anna", "bert")
+        ObjectVisibility(name, True, 0.1, 1.0, True, 0.0, 9.6, "px") for name in ("anna", "bert")
     ]
     images = ColoredImages(
         real_bgr=ROOM,
