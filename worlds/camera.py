@@ -6,6 +6,9 @@ from typing import Self
 
 from wil_campaign.worlds.frames import AT_ORIGIN, Pose, Vec3
 
+LEAST_FOV_DEG = 0.001
+"""The narrowest horizontal field of view; that of 0 has no focal length."""
+
 
 @dataclass(frozen=True, slots=True)
 class Intrinsics:

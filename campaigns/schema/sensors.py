@@ -16,7 +16,7 @@ from wil_campaign.installed_plugins import absent_additions
 from wil_campaign.vehicles.readings.kinds import sensor_specs
 from wil_campaign.vehicles.sensors.lens import lens_fault
 from wil_campaign.vehicles.sensors.sensor_spec import MountPart, SensorSpec
-from wil_campaign.worlds.camera import CameraMount, Intrinsics
+from wil_campaign.worlds.camera import LEAST_FOV_DEG, CameraMount, Intrinsics
 
 Pixels = Annotated[int, Field(ge=16, le=8192)]
 Rate = Annotated[float, Field(gt=0, le=1000)]
@@ -54,7 +54,7 @@ class ImagePart(CarriedPart):
     rate_hz: Rate
     width_px: Pixels
     height_px: Pixels
-    fov_deg: Annotated[float, Field(gt=0, lt=180)] | None = None
+    fov_deg: Annotated[float, Field(ge=LEAST_FOV_DEG, lt=180)] | None = None
     fx_px: Focal | None = None
     fy_px: Focal | None = None
     cx_px: float | None = None

@@ -9,7 +9,7 @@ from pydantic import Field, ValidationError, model_validator
 
 from wil_campaign.campaigns.expansion.expansion import Campaign
 from wil_campaign.foundation.files.documents import Data, KeyFaultError, Part
-from wil_campaign.worlds.camera import Intrinsics
+from wil_campaign.worlds.camera import LEAST_FOV_DEG, Intrinsics
 from wil_campaign.worlds.frames import Pose, Vec3, subtract
 
 _NEAREST_M = 1e-3
@@ -54,7 +54,7 @@ class ObserverPart(Part):
     pitch_deg: Annotated[float, Field(ge=-90.0, le=90.0)] = 0.0
     width_px: Annotated[int, Field(ge=16, le=4096)] = 640
     height_px: Annotated[int, Field(ge=16, le=4096)] = 480
-    fov_deg: Annotated[float, Field(gt=0.0, lt=180.0)] = 70.0
+    fov_deg: Annotated[float, Field(ge=LEAST_FOV_DEG, lt=180.0)] = 70.0
     rate_hz: Annotated[float, Field(gt=0.0, le=60.0)] = 10.0
 
     @model_validator(mode="after")

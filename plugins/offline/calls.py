@@ -24,6 +24,7 @@ from wil_campaign.plugins.offline.replay import ReplayReport
 from wil_campaign.plugins.offline.replay import replay_mixing as replay_recording
 from wil_campaign.recipes.language.recipe_files import load_recipe_file
 from wil_campaign.vehicles.readings import BgrImage, CameraReading
+from wil_campaign.worlds.camera import LEAST_FOV_DEG
 from wil_campaign.worlds.frames import Pose
 
 _VIDEO_HZ = 30.0
@@ -98,8 +99,9 @@ def replay(
 
 def _side(option: str, file: str | Path, fov_deg: float, depth: str | Path | None) -> SideFiles:
     """Return one side's input files of `mix`. Raises OfflineError."""
-    if not 0.0 < fov_deg < 180.0:
-        raise OfflineError(f"{option} {fov_deg:g}: must be an angle between 0 and 180 degrees")
+    if not LEAST_FOV_DEG <= fov_deg < 180.0:
+        message = f"must be an angle from {LEAST_FOV_DEG:g} to below 180 degrees"
+        raise OfflineError(f"{option} {fov_deg:g}: {message}")
     return SideFiles(file=Path(file), fov_deg=fov_deg, depth=None if depth is None else Path(depth))
 
 

@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 
 from wil_campaign.foundation.files.documents import BadInput, load_document
-from wil_campaign.worlds.camera import Intrinsics
+from wil_campaign.worlds.camera import LEAST_FOV_DEG, Intrinsics
 from wil_campaign.worlds.frames import Pose
 from wil_campaign.worlds.render.renderer import Renderer, RenderOutput
 from wil_campaign.worlds.scene.motion import MOMENTS
@@ -98,8 +98,9 @@ def _number(text: str) -> float:
 
 def _fov(text: str) -> float:
     """Return the preview's field of view, degrees. Raises ArgumentTypeError for no angle."""
-    if not 0.0 < (angle := _number(text)) < _STRAIGHT_DEG:
-        raise argparse.ArgumentTypeError("must be an angle between 0 and 180 degrees")
+    if not LEAST_FOV_DEG <= (angle := _number(text)) < _STRAIGHT_DEG:
+        message = f"must be an angle from {LEAST_FOV_DEG:g} to below 180 degrees"
+        raise argparse.ArgumentTypeError(message)
     return angle
 
 

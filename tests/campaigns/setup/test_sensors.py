@@ -89,6 +89,7 @@ def test_a_distortion_comes_with_its_intrinsics(files: Files) -> None:
             "the lens model folds over",
         ),
         ("{type: depth, rate_hz: 5, width_px: 64, height_px: 48}", "needs fov_deg or fx_px"),
+        (f"{{{PINHOLE[:-2]}5.0e-324}}", "must be at least 0.001, is 5e-324"),
     ],
 )
 def test_a_wrong_sensor_is_reported_at_its_place(files: Files, sensor: str, said: str) -> None:

@@ -241,6 +241,10 @@ def test_film_refuses_with_the_remedy(
             "{north_m: 0, east_m: 0, up_m: 2, look_at: {}, pitch_deg: 3}",
             "look_at determines this already",
         ),
+        (
+            "{north_m: 0, east_m: 0, up_m: 2, yaw_deg: 0, fov_deg: 5.0e-324}",
+            "must be at least 0.001",
+        ),
     ],
 )
 def test_a_faulty_observer_is_refused_with_its_line(

@@ -291,6 +291,7 @@ def test_bad_input_is_reported_and_nothing_is_written(
         (("--place", "1,2"), "--place 1,2: give NORTH,EAST,UP"),
         (("--place", "1,2,x"), "--place 1,2,x"),
         (("--real-fov-deg", "180"), "--real-fov-deg 180"),
+        (("--real-fov-deg", "5e-324"), "--real-fov-deg 4.94066e-324"),
         (("--sensor", "sonar"), "no sensor 'sonar'"),
         (("--sensor", "range"), "'range', a rangefinder, from recordings into an .mcap alone"),
         (("--stages", "SHEET", "--frame", "1"), "there is no frame 1"),

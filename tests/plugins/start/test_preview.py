@@ -65,6 +65,7 @@ def test_a_picture_that_cannot_be_written(
         ["p.png", "--event", "goal=nan"],
         ["p.png", "--fov", "0"],
         ["p.png", "--fov", "180"],
+        ["p.png", "--fov", "5e-324"],
         ["p.png", "--fov", "nan"],  # it ended the process: no pixel is at NaN
         ["p.png", "--north", "inf"],
         ["p.png", "--at", "soon"],
