@@ -11,6 +11,7 @@ from wil_campaign.foundation.files.limited_json import (
     read_limited_bytes,
     read_limited_json,
 )
+from wil_campaign.foundation.files.paths import open_at_once
 from wil_campaign.orchestrator.campaign.folder.manifest import (
     judging_manifest,
     manifest_run_values,
@@ -51,6 +52,8 @@ from wil_campaign.safety.model.verdict import (
     event_source_of,
 )
 from wil_campaign.worlds.scene.track import RunHistory
+
+_REMEDY = "; restore the file, or fly the campaign again"
 
 
 @dataclass(frozen=True, slots=True)
@@ -243,20 +246,23 @@ def judge_run_again(plan: RunPlan, folder: Path) -> Reevaluation:
     try:
         before = read_result(folder / "result.json")
     except ResultError as error:
-        raise RecordingError(str(error)) from error
+        raise RecordingError(f"{error}{_REMEDY}") from error
     if _name_of(before) != plan.name:
-        raise RecordingError(f"{folder / 'result.json'} is of another run")
+        raise RecordingError(f"{folder / 'result.json'} is of another run{_REMEDY}")
+    # First: of a damaged file anything is said, and where it can be read, anything is judged.
+    if foreign := foreign_files(folder, before.evidence_files):
+        raise RecordingError(f"{folder}: {foreign[0]}{_REMEDY}")
     events = RunHistory()
     setup = RunSetup.of(RunOrder(plan=plan, folder=folder, clock="virtual"))
     judge = build_judge(setup, events)
     try:
-        with (folder / FILE_NAME).open("rb") as stream:
+        with open_at_once(folder / FILE_NAME) as stream:
             played = judge_from_log(read_judge_log(stream), judge, events)
     except (OSError, JudgeLogError) as error:
         reason = getattr(error, "strerror", None) or error
-        raise RecordingError(f"{folder / FILE_NAME}: {reason}") from error
+        raise RecordingError(f"{folder / FILE_NAME}: {reason}{_REMEDY}") from error
     if played.end_s is None:
-        raise RecordingError(f"{folder / FILE_NAME} was cut before the end of the run")
+        raise RecordingError(f"{folder / FILE_NAME} was cut before the end of the run{_REMEDY}")
     oracles = judge.results(played.end_s)
     decision = decide_verdict(
         [*_foreign_events(folder / "log.jsonl", before), *judge.decisive],
@@ -266,8 +272,6 @@ def judge_run_again(plan: RunPlan, folder: Path) -> Reevaluation:
         timeouts=judge.timeouts,
         worst=judge.worst_texts,
     )
-    if foreign := foreign_files(folder, before.evidence_files):
-        raise RecordingError(f"{folder}: {foreign[0]}; restore the file, or fly the campaign again")
     note = decision.note or _note_at(folder, decision, before)
     reason = outcome_reason(decision, note, oracles, goal_s=played.stages.get("goal"))
     campaign = setup.case
@@ -320,16 +324,17 @@ def _foreign_events(log: Path, before: RunResult) -> list[DecisiveEvent]:
                 events.append(decisive_event(line))
             is_whole = is_whole or (line["event"] == "stage" and line["stage"] == "end")
     except (OSError, ValueError, KeyError, TypeError) as error:
-        raise RecordingError(f"{log} cannot be read: {error}") from error
+        reason = getattr(error, "strerror", None) or error
+        raise RecordingError(f"{log} cannot be read: {reason}{_REMEDY}") from error
     if not is_whole:
-        raise RecordingError(f"{log} was cut before the end of the run")
+        raise RecordingError(f"{log} was cut before the end of the run{_REMEDY}")
     # An oracle may have the name of another part, as `sync`: only its events have a flag as well.
     judged = [event for event in events if (event.t_s, event.text, event.source) in flags]
     foreign = [event for event in events if event not in judged and not _is_evidence(event.source)]
     decided_by = before.decided_by
     known = {"", *own, *(one.source for one in foreign)}
     if decided_by not in known and not _is_evidence(decided_by):
-        raise RecordingError(f"{log} lacks what decided the run: {before.reason}")
+        raise RecordingError(f"{log} lacks what decided the run: {before.reason}{_REMEDY}")
     return foreign
 
 

@@ -4,6 +4,8 @@ import hashlib
 from collections.abc import Mapping
 from pathlib import Path
 
+from wil_campaign.foundation.files.paths import open_at_once
+
 EVIDENCE_FILES = ("judged.msgpack", "log.jsonl", "trajectory.csv")
 
 
@@ -12,7 +14,7 @@ def evidence_digests(folder: Path) -> dict[str, str]:
     found = {}
     for name in EVIDENCE_FILES:
         try:
-            with (folder / name).open("rb") as stream:
+            with open_at_once(folder / name) as stream:
                 found[name] = f"sha256:{hashlib.file_digest(stream, 'sha256').hexdigest()}"
         except OSError:  # whoever needs the file says that it is missing
             continue
@@ -26,7 +28,7 @@ def foreign_files(folder: Path, written: Mapping[str, str]) -> list[str]:
     """
     present = evidence_digests(folder) if written else {}
     return [
-        f"{name} is not that of this flight: it was changed, or is of another run"
+        f"{name} is not that of this flight: it was damaged, changed or cut, or is of another run"
         for name, digest in present.items()
         if written.get(name) != digest
     ]

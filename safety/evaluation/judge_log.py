@@ -183,7 +183,7 @@ def read_judge_log(stream: BinaryIO) -> Iterator[LoggedSample]:
     except (msgpack.UnpackException, ValueError, TypeError, KeyError) as error:
         if isinstance(error, JudgeLogError):
             raise
-        message = f"no sample before byte {rows.tell()}: {type(error).__name__}: {error}"
+        message = f"it is damaged: there is no sample before byte {rows.tell()}"
         raise JudgeLogError(message) from error
 
 

@@ -16,6 +16,7 @@ from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, DataEnd, Message, Metadata, Schema
 
+from wil_campaign.foundation.files.paths import open_at_once
 from wil_campaign.orchestrator.recording.errors import RecordingError
 from wil_campaign.vehicles.sources.mcap_limits import (
     DAMAGED,
@@ -54,7 +55,7 @@ class RecordStream:
         self._has_all_data = False
 
     def __iter__(self) -> Iterator[Record]:
-        with self._path.open("rb") as file:
+        with open_at_once(self._path) as file:
             size_bytes = self._path.stat().st_size
             magic = file.read(len(MAGIC))
             if not MAGIC.startswith(magic):

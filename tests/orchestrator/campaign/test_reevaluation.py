@@ -1,6 +1,7 @@
 """Recorded runs judged again: the same by the same oracles, and by others what these say."""
 
 import json
+import os
 import shutil
 from collections.abc import Callable
 from dataclasses import replace
@@ -176,6 +177,7 @@ def test_a_damaged_recording_is_refused(recorded: Path, tmp_path: Path) -> None:
     plan = replace(plan_of(()), case="large", mode="sim")
     shutil.copytree(recorded / "large" / "sim" / "1", tmp_path, dirs_exist_ok=True)
     judge_run_again(plan, tmp_path)
+    _forget_own_files(tmp_path)
     for name, change, said in DAMAGE:
         whole = (tmp_path / name).read_bytes()
         (tmp_path / name).write_bytes(change(whole))
@@ -194,11 +196,48 @@ def test_a_whole_file_of_another_flight_is_refused(
     shutil.copy(control, tmp_path / name)
     with pytest.raises(RecordingError, match=f"{name} is not that of this flight"):
         judge_run_again(plan, tmp_path)
-    # A result of an earlier version does not say which files were its own.
-    earlier = json.loads((tmp_path / "result.json").read_text())
-    del earlier["evidence_files"]
-    (tmp_path / "result.json").write_text(to_json(earlier))
+    _forget_own_files(tmp_path)
     judge_run_again(plan, tmp_path)
+
+
+def _forget_own_files(folder: Path) -> None:
+    """Make a run's result one of an earlier version, which does not say which files are its own."""
+    earlier = json.loads((folder / "result.json").read_text())
+    del earlier["evidence_files"]
+    (folder / "result.json").write_text(to_json(earlier))
+
+
+@pytest.mark.parametrize("name", ["judged.msgpack", "log.jsonl", "trajectory.csv"])
+def test_a_flipped_byte_or_a_cut_says_what_to_do(recorded: Path, tmp_path: Path, name: str) -> None:
+    plan = replace(plan_of(()), case="large", mode="sim")
+    shutil.copytree(recorded / "large" / "sim" / "1", tmp_path, dirs_exist_ok=True)
+    path = tmp_path / name
+    whole = path.read_bytes()
+    places = [len(whole) * k // 9 for k in range(9)]
+    flipped = [
+        whole[:at] + bytes([whole[at] ^ 1 << at % 8]) + whole[at + 1 :] for at in places if at
+    ]
+    for content in (*flipped, *(whole[:at] for at in places), whole + whole, bytes(100)):
+        path.write_bytes(content)
+        with pytest.raises(RecordingError) as refused:
+            judge_run_again(plan, tmp_path)
+        said = str(refused.value)
+        assert f"{name} is not that of this flight" in said
+        assert said.endswith("; restore the file, or fly the campaign again")
+
+
+@pytest.mark.parametrize("name", ["judged.msgpack", "log.jsonl", "result.json"])
+@pytest.mark.parametrize("make", [os.mkfifo, os.mkdir, None])
+def test_what_is_no_file_is_not_waited_for(
+    recorded: Path, tmp_path: Path, name: str, make: Callable[[Path], None] | None
+) -> None:
+    plan = replace(plan_of(()), case="large", mode="sim")
+    shutil.copytree(recorded / "large" / "sim" / "1", tmp_path, dirs_exist_ok=True)
+    (tmp_path / name).unlink()
+    if make is not None:
+        make(tmp_path / name)
+    with pytest.raises(RecordingError, match="; restore the file, or fly the campaign again"):
+        judge_run_again(plan, tmp_path)
 
 
 def test_a_run_whose_log_lacks_what_decided_it_is_refused(recorded: Path, tmp_path: Path) -> None:

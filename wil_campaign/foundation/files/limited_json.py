@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from wil_campaign.foundation.files.limits import MAX_MESSAGE_VALUES, MAX_RESULTS_BYTES
+from wil_campaign.foundation.files.paths import open_at_once
 
 
 class JsonLimitError(ValueError):
@@ -14,7 +15,7 @@ class JsonLimitError(ValueError):
 
 def read_limited_bytes(path: Path, most_bytes: int = MAX_RESULTS_BYTES) -> bytes:
     """Return the bytes of a file. Raises JsonLimitError when it is too large, and OSError."""
-    with path.open("rb") as stream:
+    with open_at_once(path) as stream:
         size_bytes = os.fstat(stream.fileno()).st_size
         if size_bytes > most_bytes:
             raise JsonLimitError(f"it is larger than {most_bytes:,} bytes")

@@ -6,6 +6,7 @@ be entered.
 
 import os
 from contextlib import suppress
+from io import BufferedReader
 from pathlib import Path
 
 from wil_campaign.foundation.files.problems import BadInput, Problem, is_encodable
@@ -54,6 +55,11 @@ def path_exists(path: Path) -> bool:
         return path.exists()
     except OSError:
         return False
+
+
+def open_at_once(path: Path) -> BufferedReader:
+    """Open a file to read; a named pipe is not waited for, and is an empty file. Raises OSError."""
+    return open(path, "rb", opener=lambda name, flags: os.open(name, flags | os.O_NONBLOCK))
 
 
 def file_sizes(folder: Path) -> dict[Path, int]:
