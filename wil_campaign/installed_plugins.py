@@ -117,7 +117,7 @@ SHIPPED: Mapping[str, Mapping[str, tuple[str, ...]]] = {
         ),
     },
     "stream_links": {"links": ("tcpin", "tcpout", "serial")},
-    "stl": {"oracles": ("stl",)},
+    "stl": {"case_hints": ("formulas",), "oracles": ("stl",)},
     "step_response": {"vehicle_checks": ("fly",)},
 }
 """By shipped plugin and hook: the names that it adds, to say what an absent one is needed for."""

@@ -28,6 +28,8 @@ _LEAST_V, _MOST_V = 3.0, 100.0
 _LEAST_HOVER_MIN, _MOST_HOVER_MIN = 1.0, 300.0
 _LATE_S = 2.0
 """No camera, motion capture or motor is later: a delay in milliseconds is."""
+_FARTHEST = (("_m_s", 1e3), ("_m", 1e5), ("_s", 86_400.0))
+"""No drone is so fast, flies so far or for so long, by the end of an oracle's key."""
 _LATE = (
     *(("camera", key) for key in ("latency_s", "jitter_s", "exposure_s")),
     *(("mocap", "latency_s"), ("motors", "lag_s")),
@@ -40,6 +42,8 @@ def magnitude_warnings(files: CaseFiles, case: Case) -> Iterator[Problem]:
     seen: set[str] = set()
     for document in filter(None, (files.of_case, files.world, files.recipe)):
         yield from _degrees_as_radians(document, document.root, ())
+    for use in case.oracles:
+        yield from _vast_limits(file, ("oracles", use.name))
     for name, vehicle in case.vehicles.items():
         at: Path = ("vehicles", name)
         for sensor in vehicle.sensors:
@@ -57,6 +61,16 @@ def magnitude_warnings(files: CaseFiles, case: Case) -> Iterator[Problem]:
     if files.world is not None:
         things = [placed.scene_object for placed in case.world.placed]
         yield from chain.from_iterable(_odd_sizes(files.world, thing) for thing in things)
+
+
+def _vast_limits(file: Document, path: Path) -> Iterator[Problem]:
+    """Yield a warning for each limit of an oracle that no flight comes near."""
+    given = file.get(path)
+    for key, value in given.items() if isinstance(given, dict) else ():
+        most = next((most for end, most in _FARTHEST if key.endswith(end)), math.inf)
+        if isinstance(value, int | float) and abs(value) > most:
+            text = f"{value:g} is farther, faster or longer than any drone flies"
+            yield file.problem((*path, key), f"{text}: no flight decides it")
 
 
 def _profile_of(name: str) -> Profile | None:

@@ -54,17 +54,23 @@ _OF_POSE: dict[str, tuple[SignalKind, OfPose]] = {
     "north_m": (SignalKind("m", "how far north of the world's origin"), signals.north_m),
     "east_m": (SignalKind("m", "how far east of the world's origin"), signals.east_m),
     "up_m": (SignalKind("m", "height over the world's origin"), signals.up_m),
-    "speed_m_s": (SignalKind("m/s", "speed along all axes"), signals.speed_m_s),
-    "ground_speed_m_s": (SignalKind("m/s", "horizontal speed"), signals.ground_speed_m_s),
+    "speed_m_s": (SignalKind("m/s", "speed along all axes", least=0.0), signals.speed_m_s),
+    "ground_speed_m_s": (
+        SignalKind("m/s", "horizontal speed", least=0.0),
+        signals.ground_speed_m_s,
+    ),
     "climb_m_s": (SignalKind("m/s", "climb rate; negative while it sinks"), signals.climb_m_s),
-    "roll_deg": (SignalKind("deg", "roll, positive to the right"), signals.roll_deg),
-    "pitch_deg": (SignalKind("deg", "pitch, positive nose up"), signals.pitch_deg),
-    "yaw_deg": (SignalKind("deg", "heading, clockwise from north, -180 to 180"), signals.yaw_deg),
-    "tilt_deg": (SignalKind("deg", "angle to the vertical"), signals.tilt_deg),
+    "roll_deg": (SignalKind("deg", "roll, positive to the right", -180.0, 180.0), signals.roll_deg),
+    "pitch_deg": (SignalKind("deg", "pitch, positive nose up", -90.0, 90.0), signals.pitch_deg),
+    "yaw_deg": (
+        SignalKind("deg", "heading, clockwise from north, -180 to 180", -180.0, 180.0),
+        signals.yaw_deg,
+    ),
+    "tilt_deg": (SignalKind("deg", "angle to the vertical", 0.0, 180.0), signals.tilt_deg),
 }
 _OF_STATE: dict[str, tuple[SignalKind, OfState]] = {
-    "battery_percent": (SignalKind("%", "remaining charge"), signals.battery_percent),
-    "battery_v": (SignalKind("V", "battery voltage"), lambda s: s.battery_v),
+    "battery_percent": (SignalKind("%", "remaining charge", 0.0, 100.0), signals.battery_percent),
+    "battery_v": (SignalKind("V", "battery voltage", least=0.0), lambda s: s.battery_v),
     "armed": (SignalKind("", "its motors are armed"), lambda s: _truth(s.armed)),
     "on_ground": (
         SignalKind("", "it reports that it is on the ground"),
@@ -99,15 +105,17 @@ def _heading_error_deg(judged: PoseSample, other: ReferenceSample) -> float | No
 
 _OF_ESTIMATE: dict[str, tuple[SignalKind, OfReference]] = {
     "estimate_error_m": (
-        SignalKind("m", "distance of its own estimate from the judged pose, or from the truth"),
+        SignalKind(
+            "m", "distance of its own estimate from the judged pose, or from the truth", 0.0
+        ),
         _error_m,
     ),
     "estimate_speed_error_m_s": (
-        SignalKind("m/s", "the same of the velocity, along all axes"),
+        SignalKind("m/s", "the same of the velocity, along all axes", 0.0),
         _speed_error_m_s,
     ),
     "estimate_heading_error_deg": (
-        SignalKind("deg", "the same of the heading"),
+        SignalKind("deg", "the same of the heading", 0.0, 180.0),
         _heading_error_deg,
     ),
 }
@@ -133,14 +141,14 @@ _MOTION: Mapping[str, MotionName] = {
     "estimate_heading_error_deg": "attitude",
 }
 CLEARANCE = SignalKind(
-    "m", "distance to the nearest object; floors count between at_height and land"
+    "m", "distance to the nearest object; floors count between at_height and land", 0.0
 )
 FENCE_MARGIN = SignalKind("m", "distance to its geofence, negative outside (if there is one)")
-GOAL_DISTANCE = SignalKind("m", "distance to the goal's position (if it has one)")
+GOAL_DISTANCE = SignalKind("m", "distance to the goal's position (if it has one)", least=0.0)
 TWIN_DISTANCE_NAME = "twin_distance_m"
-TWIN_DISTANCE = SignalKind("m", "distance between real and twin (in mode wil)")
-SILENCE = SignalKind("s", "time since something was last received from it")
-THING_DISTANCE = SignalKind("m", "distance to one object of the world, by its name")
+TWIN_DISTANCE = SignalKind("m", "distance between real and twin (in mode wil)", least=0.0)
+SILENCE = SignalKind("s", "time since something was last received from it", least=0.0)
+THING_DISTANCE = SignalKind("m", "distance to one object of the world, by its name", least=0.0)
 
 
 def signal_docs() -> dict[str, SignalKind]:

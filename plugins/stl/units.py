@@ -34,10 +34,12 @@ _ARITHMETIC: Mapping[str, Callable[[float, float], float]] = {
 
 @dataclass(frozen=True, slots=True)
 class SignalKind:
-    """The kind of an STL signal. unit: "m/s"; "" for a boolean one."""
+    """The kind of an STL signal. unit: "m/s"; "" for a boolean one. least, most: of its values."""
 
     unit: str
     meaning: str
+    least: float = -math.inf
+    most: float = math.inf
 
 
 def require_sound(formula: Formula, signals: Mapping[str, SignalKind]) -> None:
