@@ -1,8 +1,10 @@
 """Writes the pictures of a run that people share: card.png and flight.gif in its folder."""
 
 from collections.abc import Sequence
+from io import BytesIO
 from pathlib import Path
 
+from wil_campaign.foundation.files.document_writer import write_atomically
 from wil_campaign.orchestrator.reading.errors import ResultsFolderError
 from wil_campaign.orchestrator.reading.model import CampaignDocuments, RunEntry
 from wil_campaign.orchestrator.reading.results_folder import read_campaign_documents
@@ -33,8 +35,9 @@ def write_card(folder: Path, run: str = "") -> Path:
     images = _images(folder, entry, _card_times(report))
     note = "" if entry.mode == "sim" else stand_in_notice(campaign)
     sheet = draw_card(report, campaign.name, most_mixed(images), note)
-    path = folder / entry.name / CARD
-    sheet.image.save(path)
+    path, picture = folder / entry.name / CARD, BytesIO()
+    sheet.image.save(picture, format="PNG")
+    write_atomically(path, picture.getvalue())
     return path
 
 
@@ -57,12 +60,13 @@ def write_moving_picture(folder: Path, run: str = "") -> Path:
     """
     campaign, entry = _find_run(folder, run)
     report = _read(folder, entry)
-    place = folder / entry.name
+    path, picture = folder / entry.name / GIF, BytesIO()
     images = _images(folder, entry, frame_times(report))
     if not images:
         raise ResultsFolderError(f"--gif: no images of {entry.name} are recorded in run.mcap")
-    write_gif(place / GIF, report, campaign.name, images)
-    return place / GIF
+    write_gif(picture, report, campaign.name, images)
+    write_atomically(path, picture.getvalue())
+    return path
 
 
 def _images(folder: Path, entry: RunEntry, wanted_s: Sequence[float]) -> list[ImagesAtTime]:

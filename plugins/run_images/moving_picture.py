@@ -2,7 +2,7 @@
 
 import itertools
 from collections.abc import Sequence
-from pathlib import Path
+from typing import BinaryIO
 
 from PIL import Image
 
@@ -46,15 +46,17 @@ def frame_times(run: RunReport) -> list[float]:
     return [begin_s + k * step_s for k in range(count)]
 
 
-def write_gif(path: Path, run: RunReport, campaign: str, images: Sequence[ImagesAtTime]) -> None:
-    """Write the moving picture. images: at the times of the frames. Raises OSError."""
+def write_gif(
+    stream: BinaryIO, run: RunReport, campaign: str, images: Sequence[ImagesAtTime]
+) -> None:
+    """Write the moving picture. images: at the times of the frames."""
     frames = [_frame(run, campaign, image, is_last=image is images[-1]) for image in images]
     steps = [b.t_s - a.t_s for a, b in itertools.pairwise(images)]
     durations_ms = [max(20, round(1000.0 * step)) for step in steps] + [_LAST_MS]
     palette = _palette(frames)
     reduced = [frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames]
     reduced[0].save(
-        path,
+        stream,
         format="GIF",
         save_all=True,
         append_images=reduced[1:],

@@ -1,7 +1,9 @@
 """The pictures of a run that people share: written whole, of the right run, at the right times."""
 
 import shutil
+from collections.abc import Callable
 from dataclasses import replace
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -247,6 +249,26 @@ def test_the_command_writes_both_and_names_them(
     assert f"picture: {folder}/large/wil/1/flight.gif" in said
     assert main(["report", str(folder), "--run", "large/wil/1"]) == 2
     assert "--run large/wil/1 needs --card or --gif" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("name", "write"), [("card.png", write_card), ("flight.gif", write_moving_picture)]
+)
+def test_a_stop_leaves_the_picture_that_was_there(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, name: str, write: Callable[[Path, str], Path]
+) -> None:
+    def stopped(image: Image.Image, place: Path | BytesIO, **options: Any) -> None:
+        del image, options
+        if isinstance(place, Path):
+            place.write_bytes(b"half")
+        raise KeyboardInterrupt
+
+    path = folder / "large/wil/1" / name
+    path.write_bytes(b"before")
+    monkeypatch.setattr(Image.Image, "save", stopped)
+    with pytest.raises(KeyboardInterrupt):
+        write(folder, "large/wil/1")
+    assert path.read_bytes() == b"before"
 
 
 def test_a_line_that_is_too_long_is_cut_and_a_text_wraps() -> None:
