@@ -184,6 +184,7 @@ class FormulaEvaluation:
         return implied_steps(
             self._of(premise, span_ns, positive=not positive),
             self._of(conclusion, span_ns, positive=positive),
+            positive=positive,
         )
 
     def _ahead(

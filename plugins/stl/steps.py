@@ -85,14 +85,17 @@ def _choose_steps(
     )
 
 
-def implied_steps(premise: StepFunction, conclusion: StepFunction) -> StepFunction:
+def implied_steps(
+    premise: StepFunction, conclusion: StepFunction, *, positive: bool
+) -> StepFunction:
     """Return the step function of an implication: max of negated premise and conclusion.
 
-    Where both are violated, the origin is that of the conclusion, which readers call violated.
+    positive: whether it is to hold. Where both are violated, the origin is that of the conclusion
+    then, which readers call violated.
     """
     denied, conclusion = aligned_steps(premise.negated(), conclusion)
     values = np.maximum(denied.values, conclusion.values)
-    named = (values < 0.0) & (conclusion.origins != NO_ORIGIN)
+    named = positive & (values < 0.0) & (conclusion.origins != NO_ORIGIN)
     concluded = (conclusion.values >= denied.values) | named
     origins = np.where(concluded, conclusion.origins, denied.origins)
     return StepFunction(denied.times_ns, values, origins).compressed()

@@ -120,6 +120,24 @@ def test_the_conclusion_of_a_violated_implication_decides() -> None:
     assert (written_atom(found.decided_by.atom), found.index) == ("b <= 2", 1)
 
 
+@pytest.mark.parametrize(
+    ("text", "decides"),
+    [
+        ("not always (a < 1 implies b <= 2)", "a < 1"),
+        ("(a < 1 implies b <= 2) iff (a < 0.5)", "a < 1"),
+        ("(a < 1 implies b <= 2) iff (a > 0)", "b <= 2"),
+    ],
+)
+def test_what_an_implication_leaves_when_it_is_to_be_violated_is_its_own(
+    text: str, decides: str
+) -> None:
+    """Its violation lets the whole hold: by no more than the comparison nearest to its limit."""
+    found = evaluated(text, {"a": [0.9], "b": [4.0]})
+    assert found.value == pytest.approx(0.1 if decides == "a < 1" else -0.1)
+    assert found.decided_by is not None
+    assert written_atom(found.decided_by.atom) == decides
+
+
 def test_units_that_meet_count_as_shares_of_their_limits() -> None:
     trace = {"a": np.array([2.0, 0.3]), "b": np.array([5.0, 1.0])}
     text = "always (a >= 0.2 and b <= 8)"
