@@ -21,8 +21,9 @@ LANDING = StageWindow("land", "landed")
 _NEAR_M = 0.15
 """How far above its place of rest a vehicle counts as touching down: what an estimate may sink
 while the vehicle stands, and less than autopilots brake on."""
-_OVER_S = 0.1
-"""A sink rate is a mean over this time at least: 1 mm of noise is 1.4 cm/s then."""
+_OVER_S = 0.1 - 1e-6
+"""A sink rate is a mean over this time at least: 1 mm of noise is 1.4 cm/s then. The difference of
+two times is rounded: 11.36 - 11.26 is less than 0.1."""
 _SPARSE_S = 0.15
 """The mean over a longer step to the ground says little: it stood there for a part of it."""
 
@@ -104,7 +105,7 @@ class TouchdownOracle(Oracle):
         rates: list[tuple[float, float]] = []
         first = 0
         for index, (t_s, down_m) in enumerate(self._downs):
-            while first + 1 < index and self._downs[first + 1][0] <= t_s - _OVER_S:
+            while first + 1 < index and t_s - self._downs[first + 1][0] >= _OVER_S:
                 first += 1
             from_s, from_m = self._downs[first]
             next_s, next_m = self._downs[min(index + 1, len(self._downs) - 1)]

@@ -73,6 +73,19 @@ def test_an_estimate_that_drifts_while_it_stands_hides_no_hard_landing(drift_m_s
     assert landing(0.7, off_m=off_m).verdict == "PASS"
 
 
+@pytest.mark.parametrize("begin_s", [2.0, 7.02, 11.0, 12.04, 33.3, 1234.56])
+def test_a_fall_is_as_fast_whenever_it_begins(begin_s: float) -> None:
+    """Times that are no binary fractions round: 11.36 - 11.26 is less than 0.1."""
+    judge = build("touchdown", context=OracleContext(mode="real", subject="real", vehicle="real"))
+    stage(judge, takeoff=0.0, at_height=1.0, land=begin_s)
+    heights_m = [max(0.0, 0.5 - 4.9 * (index / 50) ** 2) for index in range(50)]
+    for index, up_m in enumerate(heights_m):
+        judge.on_pose(pose(round(begin_s + index / 50, 6), (0, 0, -up_m)))
+    stage(judge, landed=begin_s + 1.0)
+    fastest_m_s = max((heights_m[i - 5] - heights_m[i]) / 0.1 for i in range(5, 50))
+    assert judge.result(begin_s + 1.0).actual == pytest.approx(fastest_m_s)
+
+
 def test_noise_of_positions_is_no_hard_landing() -> None:
     assert landing(0.7, noise_m=0.005).verdict == "PASS"
 
