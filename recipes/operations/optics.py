@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from wil_campaign.recipes.working import Masked
 from wil_campaign.vehicles.readings import CameraReading, DepthReading
+from wil_campaign.vehicles.sensors.lens import camera_matrix, pixel_rays
 from wil_campaign.worlds.camera import Intrinsics
 from wil_campaign.worlds.frames import IDENTITY, Quat, matrix_from_quat
 
@@ -205,10 +206,10 @@ def remap_between(old: Intrinsics, new: Intrinsics, turn: Quat = IDENTITY) -> Im
     OpenCV's iteration (`undistortPoints`, Brown's model as in the OpenCV manual).
     """
     v, u = np.mgrid[0 : new.height_px, 0 : new.width_px].astype(np.float64)
-    pixels = np.stack([u.ravel(), v.ravel()], axis=1)[:, None, :]
-    flat = _undistort(pixels, new)
+    pixels = np.stack([u.ravel(), v.ravel()], axis=1)
+    flat = pixel_rays(pixels, new)
     rays = np.concatenate([flat, np.ones((len(flat), 1))], axis=1)
-    ahead = _is_reached(rays, pixels.reshape(-1, 2), new)
+    ahead = _is_reached(rays, pixels, new)
     z_ratio: Plane | None = None
     if turn != IDENTITY:
         rotation = _OPTICAL_FROM_FRD @ matrix_from_quat(turn) @ _OPTICAL_FROM_FRD.T
@@ -237,29 +238,10 @@ def remap_between(old: Intrinsics, new: Intrinsics, turn: Quat = IDENTITY) -> Im
     )
 
 
-def _matrix(intrinsics: Intrinsics) -> NDArray[np.float64]:
-    """Return the 3x3 camera matrix of intrinsics."""
-    i = intrinsics
-    return np.array([[i.fx_px, 0, i.cx_px], [0, i.fy_px, i.cy_px], [0, 0, 1.0]])
-
-
-_TERMS = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_MAX_ITER, 100, 1e-10)
-
-
-def _undistort(pixels: NDArray[np.float64], camera: Intrinsics) -> NDArray[np.float64]:
-    """Return (x/z, y/z) of the rays of a camera's pixels, lens distortion removed, (n, 2)."""
-    if not any(camera.distortion):
-        found = (pixels[:, 0] - (camera.cx_px, camera.cy_px)) / (camera.fx_px, camera.fy_px)
-        return np.asarray(found, np.float64)
-    lens = np.array(camera.distortion)
-    found = cv2.undistortPoints(pixels, _matrix(camera), lens, criteria=_TERMS)
-    return np.asarray(found, np.float64).reshape(-1, 2)
-
-
 def _project(rays: NDArray[np.float64], camera: Intrinsics) -> NDArray[np.float64]:
     """Return the pixels of rays through a camera's lens, (n, 2)."""
     lens = np.array(camera.distortion) if camera.distortion else np.zeros(4)
-    pixels, _ = cv2.projectPoints(rays, np.zeros(3), np.zeros(3), _matrix(camera), lens)
+    pixels, _ = cv2.projectPoints(rays, np.zeros(3), np.zeros(3), camera_matrix(camera), lens)
     return np.asarray(pixels, np.float64).reshape(-1, 2)
 
 

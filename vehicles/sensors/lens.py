@@ -24,6 +24,8 @@ _MOST_TIMES_WIDER = 4.0
 """A lens whose pinhole image would be more than so many times wider is not rendered."""
 _FOLDED_PX = 0.5
 _TERMS = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_MAX_ITER, 100, 1e-10)
+_ITERATED = getattr(cv2, "undistortPointsIter", None)
+"""Of OpenCV 4, whose `undistortPoints` takes no criteria."""
 
 Map = NDArray[np.float32]
 Pixel = TypeVar("Pixel", np.uint8, np.float32)
@@ -107,7 +109,7 @@ def lens_map(intrinsics: Intrinsics) -> LensMap:
     fault = lens_fault(intrinsics)
     if fault:
         raise ValueError(fault)
-    rays = _rays(_grid(intrinsics, 1), intrinsics)
+    rays = pixel_rays(_grid(intrinsics, 1), intrinsics)
     left, top = rays.min(axis=0) * (intrinsics.fx_px, intrinsics.fy_px)
     right, bottom = rays.max(axis=0) * (intrinsics.fx_px, intrinsics.fy_px)
     wide = Intrinsics(
@@ -129,14 +131,14 @@ def lens_fault(intrinsics: Intrinsics) -> str:
     step = max(1, min(intrinsics.width_px, intrinsics.height_px) // 16)
     pixels = _grid(intrinsics, step)
     with np.errstate(all="ignore"):
-        rays = _rays(pixels, intrinsics)
+        rays = pixel_rays(pixels, intrinsics)
         if not np.isfinite(rays).all():
             return "the lens model has no direction at some pixels"
         again, _ = cv2.projectPoints(
             np.concatenate([rays, np.ones((len(rays), 1))], axis=1),
             np.zeros(3),
             np.zeros(3),
-            _matrix(intrinsics),
+            camera_matrix(intrinsics),
             np.array(intrinsics.distortion),
         )
     folded = np.abs(np.asarray(again).reshape(-1, 2) - pixels).max()
@@ -158,15 +160,21 @@ def _grid(intrinsics: Intrinsics, step: int) -> NDArray[np.float64]:
     return np.stack([u.ravel(), v.ravel()], axis=1)
 
 
-def _rays(pixels: NDArray[np.float64], camera: Intrinsics) -> NDArray[np.float64]:
-    """Return (x/z, y/z) of the rays of pixels through the lens, (n, 2)."""
-    found = cv2.undistortPoints(
-        pixels[:, None, :], _matrix(camera), np.array(camera.distortion), criteria=_TERMS
-    )
+def pixel_rays(pixels: NDArray[np.float64], camera: Intrinsics) -> NDArray[np.float64]:
+    """Return (x/z, y/z) of the rays of pixels (n, 2) through a camera's lens, (n, 2)."""
+    if not any(camera.distortion):
+        flat = (pixels - (camera.cx_px, camera.cy_px)) / (camera.fx_px, camera.fy_px)
+        return np.asarray(flat, np.float64)
+    lens, matrix = np.array(camera.distortion), camera_matrix(camera)
+    if _ITERATED is None:
+        found = cv2.undistortPoints(pixels[:, None, :], matrix, lens, criteria=_TERMS)
+    else:
+        found = _ITERATED(pixels[:, None, :], matrix, lens, None, None, _TERMS)
     return np.asarray(found, np.float64).reshape(-1, 2)
 
 
-def _matrix(intrinsics: Intrinsics) -> NDArray[np.float64]:
+def camera_matrix(intrinsics: Intrinsics) -> NDArray[np.float64]:
+    """Return the 3x3 camera matrix of intrinsics."""
     i = intrinsics
     return np.array([[i.fx_px, 0, i.cx_px], [0, i.fy_px, i.cy_px], [0, 0, 1.0]])
 
