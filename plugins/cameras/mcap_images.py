@@ -1,17 +1,19 @@
 """The compressed images of one topic of an MCAP file, as a recording."""
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterable, Iterator
 from heapq import heappop, heappush
-from io import BytesIO
+from io import SEEK_CUR, BytesIO
 from itertools import count
 from pathlib import Path
 from typing import IO, Any, NamedTuple
 
 import numpy as np
 from mcap.data_stream import ReadDataStream
+from mcap.exceptions import McapError
+from mcap.opcode import Opcode
 from mcap.reader import make_reader
 from mcap.records import Channel, Chunk, Message, Schema
-from mcap.stream_reader import StreamReader
+from mcap.stream_reader import MAGIC_SIZE, StreamReader
 from mcap.summary import Summary
 
 from wil_campaign.foundation.files.images import ImageError
@@ -33,6 +35,9 @@ from wil_campaign.vehicles.sources.mcap_limits import (
 _DRAWN = (
     "in a run's recording, images that the program drew are there with record: {pictures: jpeg}"
 )
+_TIMES = {Opcode.CHUNK: 0, Opcode.MESSAGE: 6}
+"""Where in the content of a chunk its earliest log time stands, and in a message its own."""
+_NO_SCHEMA = 0
 
 
 def _is_mixture(topic: str) -> bool:
@@ -75,8 +80,10 @@ class McapFile:
                 raise SourceError(f"{self._path}: {LFS_POINTER}")
             self._stream = self._path.open("rb")
             summary = make_reader(self._stream).get_summary()
-            topic, self._decode = self._choose_topic(_image_topics(self._stream, summary))
-            self._messages = _messages(self._stream, summary, topic)
+            channels = _channels(self._stream, summary)
+            topic, self._decode = self._choose_topic(_image_topics(channels))
+            wanted = {channel.id for channel, _ in channels if channel.topic == topic}
+            self._messages = _messages(self._stream, summary, wanted)
         except OSError as error:
             raise SourceError(f"{self._path}: {error.strerror}; check the path") from error
         except DAMAGED as error:
@@ -154,39 +161,61 @@ class McapFile:
         )
 
 
-def _messages(stream: IO[bytes], summary: Summary | None, topic: str) -> Iterator[Message]:
-    """Yield the messages of a topic in the order of their log times, chunk by chunk.
+def _messages(
+    stream: IO[bytes], summary: Summary | None, channels: Collection[int]
+) -> Iterator[Message]:
+    """Yield the messages of channels in the order of their log times, chunk by chunk.
 
     Without an index of chunks (a recorder may write none) in the file's order. Raises what DAMAGED
     lists. Chunks overlap in time: a message is yielded once no later chunk can hold an earlier one.
     """
     if summary is None or not summary.chunk_indexes:
-        yield from _messages_in_file_order(stream, topic)
+        for record in _records(stream):
+            if isinstance(record, Message) and record.channel_id in channels:
+                yield record
         return
-    channels = {channel.id for channel in summary.channels.values() if channel.topic == topic}
-    chunks = sorted(summary.chunk_indexes, key=lambda one: one.message_start_time)
     waiting: list[tuple[int, int, Message]] = []
     order = count()
-    for index in chunks:
-        while waiting and waiting[0][0] < index.message_start_time:
+    for first_ns, place in sorted(_places_of_messages(stream, summary)):
+        while waiting and waiting[0][0] < first_ns:
             yield heappop(waiting)[2]
-        stream.seek(index.chunk_start_offset)
-        _, length = RECORD_HEAD.unpack(stream.read(RECORD_HEAD.size))
-        check_record_length(length)
-        for record in chunk_records(Chunk.read(ReadDataStream(BytesIO(stream.read(length))))):
+        for record in _records_at(stream, place):
             if isinstance(record, Message) and record.channel_id in channels:
                 heappush(waiting, (record.log_time, next(order), record))
     while waiting:
         yield heappop(waiting)[2]
 
 
-def _messages_in_file_order(stream: IO[bytes], topic: str) -> Iterator[Message]:
-    channels: set[int] = set()
-    for record in _records(stream):
-        if isinstance(record, Channel) and record.topic == topic:
-            channels.add(record.id)
-        elif isinstance(record, Message) and record.channel_id in channels:
-            yield record
+def _places_of_messages(stream: IO[bytes], summary: Summary) -> Iterator[tuple[int, int]]:
+    """Yield the earliest log time and the place of each chunk, and of each message beside chunks.
+
+    By the records themselves, for an index may lack some of them; those that it has must be there.
+    """
+    unseen = {index.chunk_start_offset for index in summary.chunk_indexes}
+    opcode, place = 0, MAGIC_SIZE
+    while opcode not in {Opcode.DATA_END, Opcode.FOOTER}:
+        stream.seek(place)
+        opcode, length = RECORD_HEAD.unpack(stream.read(RECORD_HEAD.size))
+        if opcode in _TIMES:
+            stream.seek(_TIMES[opcode], SEEK_CUR)
+            yield int.from_bytes(stream.read(8), "little"), place
+        if opcode == Opcode.CHUNK:
+            unseen.discard(place)
+        place += RECORD_HEAD.size + length
+    if unseen:
+        raise McapError(f"its index names a chunk at byte {min(unseen)}, where there is none")
+
+
+def _records_at(stream: IO[bytes], place: int) -> Iterator[Schema | Channel | Message]:
+    """Yield the records of the chunk, or the message, at a place."""
+    stream.seek(place)
+    opcode, length = RECORD_HEAD.unpack(stream.read(RECORD_HEAD.size))
+    check_record_length(length)
+    content = ReadDataStream(BytesIO(stream.read(length)))
+    if opcode == Opcode.CHUNK:
+        yield from chunk_records(Chunk.read(content))
+    else:
+        yield Message.read(content, length)
 
 
 def _records(stream: IO[bytes]) -> Iterator[Schema | Channel | Message]:
@@ -199,17 +228,35 @@ def _records(stream: IO[bytes]) -> Iterator[Schema | Channel | Message]:
             yield record
 
 
-def _image_topics(stream: IO[bytes], summary: Summary | None) -> dict[str, Decode]:
-    """Return the topics of images with their decoders; from all records where no index has them."""
-    if summary is not None and summary.channels:
+def _channels(stream: IO[bytes], summary: Summary | None) -> list[tuple[Channel, Schema | None]]:
+    """Return the file's channels, each with its schema; from all records unless a summary has all.
+
+    A recorder may repeat only some of them there, or only the channels.
+    """
+    if summary is not None and _repeats_all(summary):
         schemas, channels = dict(summary.schemas), list(summary.channels.values())
     else:
         records = list(_records_but_messages(stream))
         schemas = {record.id: record for record in records if isinstance(record, Schema)}
-        channels = [record for record in records if isinstance(record, Channel)]
+        channels = list({one.id: one for one in records if isinstance(one, Channel)}.values())
+    return [(channel, schemas.get(channel.schema_id)) for channel in channels]
+
+
+def _repeats_all(summary: Summary) -> bool:
+    """Return whether a summary has all channels, as far as it tells, and all of their schemas."""
+    stated = summary.statistics
+    wanted = {channel.schema_id for channel in summary.channels.values()} - {_NO_SCHEMA}
+    return (
+        bool(summary.channels)
+        and (stated is None or stated.channel_count == len(summary.channels))
+        and wanted <= summary.schemas.keys()
+    )
+
+
+def _image_topics(channels: Iterable[tuple[Channel, Schema | None]]) -> dict[str, Decode]:
+    """Return the topics of images with their decoders."""
     found: dict[str, Decode] = {}
-    for channel in channels:
-        schema = schemas.get(channel.schema_id)
+    for channel, schema in channels:
         decode = decoder_for(schema.name, channel.message_encoding) if schema else None
         if decode is not None:
             found[channel.topic] = decode

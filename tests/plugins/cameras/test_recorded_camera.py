@@ -4,7 +4,7 @@ import asyncio
 import base64
 import json
 import struct
-from collections.abc import Coroutine
+from collections.abc import Coroutine, Iterator
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from mcap.opcode import Opcode
 from mcap.writer import IndexType, Writer
 from PIL import Image
 
@@ -374,10 +375,21 @@ def test_a_clock_that_was_set_within_a_recording_is_named(tmp_path: Path) -> Non
         {"use_chunking": False, "use_statistics": False, "use_summary_offsets": False},
         {"use_chunking": False, "repeat_channels": False, "repeat_schemas": False},
         {"index_types": IndexType.NONE},
+        {"repeat_channels": False},
+        {"repeat_schemas": False},
+        {"repeat_channels": False, "repeat_schemas": False, "chunk_size": 400},
     ],
-    ids=["unchunked", "without statistics", "without a summary", "chunks without an index"],
+    ids=[
+        "unchunked",
+        "without statistics",
+        "without a summary",
+        "chunks without an index",
+        "channels in the data alone",
+        "schemas in the data alone",
+        "both in the data alone",
+    ],
 )
-def test_a_sound_file_without_an_index_of_chunks_is_read(
+def test_a_sound_file_with_little_in_its_summary_is_read(
     options: dict[str, Any], tmp_path: Path
 ) -> None:
     path = mcap(tmp_path / "a.mcap", "ros2", ["/left", "/right"], [JPEG] * 3, **options)
@@ -386,6 +398,51 @@ def test_a_sound_file_without_an_index_of_chunks_is_read(
     refused(McapFile(path=path), r"choose one of its image topics.*/left, /right")
     path.write_bytes(path.read_bytes()[:-40])
     refused(McapFile(path=path, topic="/right"), "truncated")
+
+
+def test_chunks_and_messages_that_no_index_names_are_played(tmp_path: Path) -> None:
+    """An index may have some of the chunks alone, and messages may stand beside chunks."""
+    whole = mcap(tmp_path / "a.mcap", "ros2", ["/camera"], [JPEG] * 3, chunk_size=400).read_bytes()
+    longer = mcap(tmp_path / "b.mcap", "ros2", ["/camera"], [JPEG] * 5, chunk_size=400).read_bytes()
+    loose = mcap(tmp_path / "b.mcap", "ros2", ["/camera"], [JPEG] * 5, use_chunking=False)
+    for more in (chunks_of(longer)[3:], messages_of(loose.read_bytes())[3:]):
+        path = tmp_path / "c.mcap"
+        path.write_bytes(with_more(whole, b"".join(more)))
+        assert len(played(McapFile(path=path))) == 5
+
+
+def test_a_chunk_of_the_index_that_is_no_chunk_any_more_is_damage(tmp_path: Path) -> None:
+    path = mcap(tmp_path / "a.mcap", "ros2", ["/camera"], [JPEG] * 3, chunk_size=400)
+    whole = path.read_bytes()
+    at = whole.index(chunks_of(whole)[1])
+    path.write_bytes(whole[:at] + b"\x86" + whole[at + 1 :])
+    refused(McapFile(path=path), f"its index names a chunk at byte {at}, where there is none")
+
+
+def records_of(data: bytes) -> Iterator[tuple[int, bytes]]:
+    """Yield the opcode and all bytes of each record of a file."""
+    at = 8
+    while at + 9 <= len(data):
+        end = at + 9 + int.from_bytes(data[at + 1 : at + 9], "little")
+        yield data[at], data[at:end]
+        at = end
+
+
+def chunks_of(data: bytes) -> list[bytes]:
+    return [record for opcode, record in records_of(data) if opcode == Opcode.CHUNK]
+
+
+def messages_of(data: bytes) -> list[bytes]:
+    return [record for opcode, record in records_of(data) if opcode == Opcode.MESSAGE]
+
+
+def with_more(data: bytes, more: bytes) -> bytes:
+    """Return a file with more records at the end of its data; its footer finds the summary."""
+    end = next(record for opcode, record in records_of(data) if opcode == Opcode.DATA_END)
+    at, size = data.index(end), len(more)
+    summary, offsets, _ = struct.unpack("<QQI", data[-28:-8])
+    footer = struct.pack("<QQI", summary + size, offsets + size, 0)
+    return data[:at] + more + data[at:-28] + footer + data[-8:]
 
 
 def test_one_of_several_topics_is_named(tmp_path: Path) -> None:
