@@ -52,6 +52,9 @@ def chunk_records(chunk: Chunk) -> Iterator[Schema | Channel | Message]:
     decompressors and of mcap for a damaged chunk.
     """
     data = _decompressed(chunk)
+    if len(data) != chunk.uncompressed_size:
+        # Where it has no checksum, records would be missing without a word.
+        raise McapError(f"a chunk states {chunk.uncompressed_size} bytes and has {len(data)}")
     plain = replace(chunk, compression="", data=data, uncompressed_size=len(data))
     get_chunk_data_stream(plain, validate_crc=True)
     at = count = 0
@@ -91,4 +94,6 @@ def _decompressed(chunk: Chunk) -> bytes:
                 f"a chunk has more data than the {chunk.uncompressed_size} bytes it states"
             )
         return data
+    if chunk.compression:
+        raise McapError(f"a chunk is compressed by {chunk.compression!r}, not by zstd or lz4")
     return chunk.data

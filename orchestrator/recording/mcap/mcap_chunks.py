@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import IO
 
 from mcap.data_stream import ReadDataStream
+from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, DataEnd, Message, Metadata, Schema
 
@@ -53,6 +54,7 @@ class RecordStream:
         self.end: RecordStreamEnd | None = None
         self._checksum = 0
         self._has_all_data = False
+        self._channels: set[int] = set()
 
     def __iter__(self) -> Iterator[Record]:
         with open_at_once(self._path) as file:
@@ -61,6 +63,7 @@ class RecordStream:
             if not MAGIC.startswith(magic):
                 raise RecordingError(f"{self._path}: not an MCAP file (it begins with {magic!r})")
             self.end = None
+            self._channels.clear()
             self._checksum, self._has_all_data = zlib.crc32(magic), False
             while self.end is None:
                 yield from self._read_records(file, size_bytes)
@@ -85,12 +88,22 @@ class RecordStream:
                 reason = f"damaged before byte {begin}: the checksum of its data differs"
                 self.end = RecordStreamEnd(whole=False, read_bytes=begin, reason=reason)
                 return
-            yield from _parse(head[0], content)
+            for record in _parse(head[0], content):
+                self._require_channel(record)
+                yield record
         except ChunkLimitError as error:
             raise RecordingError(f"{self._path}: after byte {begin}: {error}") from error
         except DAMAGED as error:
-            reason = f"damaged after byte {begin}: {type(error).__name__}"
+            said = str(error) if isinstance(error, McapError) else type(error).__name__
+            reason = f"damaged after byte {begin}: {said}"
             self.end = RecordStreamEnd(whole=False, read_bytes=begin, reason=reason)
+
+    def _require_channel(self, record: Record) -> None:
+        """Raise McapError for a message whose channel has no record: nobody can say what it is."""
+        if isinstance(record, Channel):
+            self._channels.add(record.id)
+        elif isinstance(record, Message) and record.channel_id not in self._channels:
+            raise McapError(f"a message is of channel {record.channel_id}, which has no record")
 
     def _data_differ(self, head: bytes, content: bytes) -> bool:
         """Return whether the checksum of the MCAP file's data differs at their end; 0: it has none.

@@ -7,6 +7,7 @@ from pathlib import Path
 import lz4.frame
 import pytest
 import zstandard
+from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Chunk
 
@@ -109,3 +110,38 @@ def test_a_camera_file_without_an_index_is_refused(tmp_path: Path) -> None:
     with pytest.raises(SourceError, match=r"not an MCAP file|choose one of its image topics"):
         file.open()
     file.close()
+
+
+RECORD = struct.pack("<BQ", Opcode.SCHEMA, 15) + struct.pack("<HI", 1, 1) + b"a" + bytes(8)
+UNSTATED = zstandard.ZstdCompressor(write_content_size=False)
+
+
+@pytest.mark.parametrize(
+    ("one", "said"),
+    [
+        (chunk(UNSTATED.compress(RECORD) * 2, 2 * len(RECORD), "zstd"), "states 48 bytes and has"),
+        (chunk(lz4.frame.compress(RECORD) * 2, 2 * len(RECORD), "lz4"), "states 48 bytes and has"),
+        (chunk(RECORD, 2 * len(RECORD), ""), "a chunk states 48 bytes and has 24"),
+        (chunk(RECORD * 2, len(RECORD), ""), "a chunk states 24 bytes and has 48"),
+        (chunk(RECORD, len(RECORD), "brotli"), "compressed by 'brotli', not by zstd or lz4"),
+    ],
+)
+def test_a_chunk_of_which_records_would_be_missing_is_damaged(
+    one: Chunk, said: str, tmp_path: Path
+) -> None:
+    """It has no checksum: some of its records were skipped without a word."""
+    with pytest.raises(McapError, match=said):
+        list(chunk_records(one))
+    stream = RecordStream(written(tmp_path / "a.mcap", one))
+    assert list(stream) == []
+    assert stream.end is not None
+    assert said in stream.end.reason
+
+
+def test_a_message_whose_channel_has_no_record_is_damage(tmp_path: Path) -> None:
+    """The record of the channel was damaged in a file without checksums: its messages went."""
+    message = struct.pack("<BQ", Opcode.MESSAGE, 22) + struct.pack("<HIQQ", 7, 0, 1, 1)
+    stream = RecordStream(written(tmp_path / "a.mcap", chunk(message, len(message), "")))
+    assert list(stream) == []
+    assert stream.end is not None
+    assert "a message is of channel 7, which has no record" in stream.end.reason
