@@ -17,7 +17,10 @@ from wil_campaign.orchestrator.campaign.folder.manifest import (
     manifest_run_values,
     world_digest,
 )
-from wil_campaign.orchestrator.campaign.folder.manifest_changes import changes_since_flight
+from wil_campaign.orchestrator.campaign.folder.manifest_changes import (
+    changes_since_flight,
+    damaged_manifest_keys,
+)
 from wil_campaign.orchestrator.campaign.folder.repetitions import runs_due
 from wil_campaign.orchestrator.campaign.resuming.attached_vehicles import vehicles_with_open_poses
 from wil_campaign.orchestrator.recording.errors import RecordingError
@@ -198,7 +201,8 @@ def _document(path: Path) -> dict[str, Any]:
         document = read_limited_json(path)
     except (OSError, ValueError):
         return {}
-    return document if isinstance(document, dict) else {}
+    is_whole = isinstance(document, dict) and not damaged_manifest_keys(document)
+    return document if is_whole else {}
 
 
 def _require_all_repetitions(campaign: Campaign, manifest: Mapping[str, Any], folder: Path) -> None:

@@ -15,6 +15,20 @@ _COUNTED = frozenset({"repetitions"})
 
 Not so where one of both is a sequential test, a mapping.
 """
+_KINDS = {"document": dict, "files": dict, "options": dict, "versions": dict, "runs": list}
+"""The keys of a manifest that are compared, each with the kind of its value."""
+
+
+def damaged_manifest_keys(manifest: Mapping[str, Any]) -> list[str]:
+    """Return the keys of a manifest whose values are of a kind that no version writes."""
+    damaged = [
+        key for key, kind in _KINDS.items() if not isinstance(manifest.get(key, kind()), kind)
+    ]
+    options = manifest.get("options", {})
+    given = options.get("set", []) if isinstance(options, dict) else []
+    if not isinstance(given, list) or not all(isinstance(text, str) for text in given):
+        damaged.append("options.set")
+    return damaged
 
 
 def changed_manifest_keys(before: Any, now: Any, key: str = "") -> Iterator[tuple[str, str, str]]:

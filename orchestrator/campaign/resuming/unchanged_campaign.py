@@ -13,6 +13,7 @@ from wil_campaign.orchestrator.campaign.folder.campaign_folder import newest_cam
 from wil_campaign.orchestrator.campaign.folder.manifest_changes import (
     changed_manifest_keys,
     changed_plugins,
+    damaged_manifest_keys,
 )
 from wil_campaign.orchestrator.recording.timestamps import folder_stamp
 
@@ -60,6 +61,11 @@ def resumed_manifest(folder: Path, now: Mapping[str, object]) -> Mapping[str, ob
     if not isinstance(before, dict) or not before.keys() >= present.keys():
         raise ResumeError(
             f"{path} was written by another version: start the campaign anew, without --resume"
+        )
+    if damaged := damaged_manifest_keys(before):
+        raise ResumeError(
+            f"{path} is damaged at {', '.join(damaged)}: restore it, or start the campaign anew, "
+            "without --resume"
         )
     if differences := list(_differences(before, present)):
         raise ResumeError(

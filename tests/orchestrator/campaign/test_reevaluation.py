@@ -330,6 +330,27 @@ def test_a_run_without_a_record_of_its_world_is_refused(
         (folder / "campaign.json").unlink()
     else:
         (folder / "campaign.json").write_text(content)
+    _assert_world_is_unknown(folder, capsys)
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        *(("files", None), ("files", [None]), ("versions", 5), ("document", None)),
+        *(("runs", None), ("options", []), ("options", {"set": [5]}), ("options", {"set": None})),
+    ],
+)
+def test_a_campaign_json_with_values_of_another_kind_is_refused(
+    recorded: Path, tmp_path: Path, capsys: Any, key: str, value: Any
+) -> None:
+    folder = tmp_path / "copy"
+    shutil.copytree(recorded, folder)
+    document = json.loads((folder / "campaign.json").read_text())
+    (folder / "campaign.json").write_text(json.dumps({**document, key: value}))
+    _assert_world_is_unknown(folder, capsys)
+
+
+def _assert_world_is_unknown(folder: Path, capsys: Any) -> None:
     assert judge(folder) == 3
     assert judge(folder, "world.objects.gate.pose.north_m=2.9") == 3
     said = capsys.readouterr().err

@@ -485,6 +485,11 @@ def test_other_versions_and_spoilt_manifests_are_not_resumed(
         path.write_text(text)
         assert run(campaign, "--resume") == 2
     assert "Traceback" not in capsys.readouterr().err
+    for key in ("files", "versions", "runs", "options", "document"):
+        for value in (None, 5, "x"):
+            path.write_text(json.dumps({**document, key: value}))
+            assert run(campaign, "--resume") == 2
+            assert f"is damaged at {key}: restore it, or start" in capsys.readouterr().err
 
 
 @pytest.mark.usefixtures("quick")
