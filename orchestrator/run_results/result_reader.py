@@ -69,7 +69,9 @@ def _parse_document(path: Path, kind: TypeAdapter[T]) -> tuple[T, str]:
         text = data.decode("utf-8")
     except FileNotFoundError as error:
         raise ResultError(f"{path} does not exist") from error
-    except (OSError, JsonLimitError, UnicodeDecodeError) as error:
+    except UnicodeDecodeError as error:
+        raise ResultError(f"{path} is damaged: it is not UTF-8 at byte {error.start}") from error
+    except (OSError, JsonLimitError) as error:
         reason = getattr(error, "strerror", None) or error
         raise ResultError(f"{path} cannot be read: {reason}") from error
     try:

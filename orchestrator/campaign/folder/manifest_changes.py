@@ -5,6 +5,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from wil_campaign.campaigns.setup.overrides import override_from_option
+from wil_campaign.orchestrator.campaign.folder.manifest import manifest_run_values
 
 _MAX_LENGTH = 80
 """Of a value in a sentence about a changed key, in characters."""
@@ -113,12 +114,15 @@ def changed_options(before: Mapping[str, Any], now: Mapping[str, Any]) -> list[s
 
 
 def _changed_runs(before: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
-    """Return in words the runs whose documents changed for any other reason."""
-    flown = {run["run"]: run["documents"] for run in before.get("runs", [])}
+    """Return in words the runs whose documents changed for any other reason.
+
+    Those of a run whose entry was damaged count as changed; a run that was not flown has none.
+    """
+    named, flown = manifest_run_values(before, "run"), manifest_run_values(before, "documents")
     return [
         f"the files of {run['run']} changed"
         for run in now["runs"]
-        if flown.get(run["run"], run["documents"]) != run["documents"]
+        if run["run"] in named and flown.get(run["run"]) != run["documents"]
     ]
 
 

@@ -25,3 +25,10 @@ def test_what_every_version_writes_must_not_be_missing(tmp_path: Path, name: str
     path.write_text(json.dumps(document, indent=2) + "\n")
     with pytest.raises(ResultError):
         read_result(path)
+
+
+def test_a_flipped_byte_is_told_in_our_words(tmp_path: Path) -> None:
+    path = tmp_path / "result.json"
+    path.write_bytes(b'{"case": "l\xe1rge"}')
+    with pytest.raises(ResultError, match=r"result\.json is damaged: it is not UTF-8 at byte 11$"):
+        read_result(path)

@@ -67,6 +67,12 @@ STUDY = {"campaigns": {"gate": "gate.yaml"}}
             ["the files of large/sim/1 changed"],
         ),
         ({}, {"runs": [{"run": "large/sim/2", "documents": "z"}]}, []),
+        (
+            {"runs": [{"run": "large/sim/1", "doauments": "c"}]},
+            {},
+            ["the files of large/sim/1 changed"],
+        ),
+        ({"runs": [None, {"documents": "c"}, {"run": ["a"], "documents": "c"}]}, {}, []),
     ],
 )
 def test_a_change_that_alters_the_judgement_is_named(
