@@ -1,12 +1,13 @@
 """Reads bags of ROS 2 in MCAP: odometry, poses and fixes, and PX4's own messages."""
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from pathlib import Path
 from typing import Any
 
-from mcap.reader import make_reader
+from mcap.records import Channel, Message, Schema
 
+from wil_campaign.orchestrator.recording.mcap.mcap_chunks import RecordStream
 from wil_campaign.plugins.logs.logged_flight import FlightLogError, LoggedFlight
 from wil_campaign.plugins.logs.track_builder import TrackBuilder
 
@@ -31,20 +32,28 @@ def read_ros_bag(path: Path) -> LoggedFlight:
             "pip install 'wil-campaign[ros]'"
         ) from error
     track = TrackBuilder()
+    stream = RecordStream(path)
     try:
-        with path.open("rb") as stream:
-            reader = make_reader(stream, decoder_factories=[DecoderFactory()])
-            summary = reader.get_summary()
-            topics: Mapping[str, list[str]] = {} if summary is None else _topics(summary)
-            first = [name for name in _ORDER if name in topics][:1]
-            wanted = {topics[name][0]: name for name in (*first, _FIX) if name in topics}
-            for _, channel, message, ros in reader.iter_decoded_messages(topics=list(wanted)):
-                _TAKERS[wanted[channel.topic]](track, message.log_time * 1e-9, ros)
+        schemas, channels = _schemas_and_channels(stream)
+        topics = _topics(schemas, channels)
+        first = [name for name in _ORDER if name in topics][:1]
+        wanted = {topics[name][0]: name for name in (*first, _FIX) if name in topics}
+        read = {number: one for number, one in channels.items() if one.topic in wanted}
+        decoders = {
+            number: DecoderFactory().decoder_for("cdr", schemas[one.schema_id])
+            for number, one in read.items()
+        }
+        for message in _messages(stream, read):
+            ros = decoders[message.channel_id](message.data)
+            kind = wanted[read[message.channel_id].topic]
+            _TAKERS[kind](track, message.log_time * 1e-9, ros)
     except Exception as error:  # the decoders raise whatever a damaged file causes
         raise FlightLogError(f"{path} cannot be read as an MCAP file: {error}") from error
     if not topics:
-        raise FlightLogError(_no_pose(path, summary))
+        raise FlightLogError(_no_pose(path, schemas))
     problems = ["a bag has no parameters, firmware and arming", *track.problems]
+    if stream.end is not None and not stream.end.whole:
+        problems.append(f"it is {stream.end.reason}: its readable part is used")
     if track.origin is not None and _PX4 not in topics:
         problems.append("the origin's altitude is above the ellipsoid, not above mean sea level")
     others = sorted({topic for named in topics.values() for topic in named} - wanted.keys())
@@ -61,19 +70,37 @@ def read_ros_bag(path: Path) -> LoggedFlight:
     )
 
 
-def _topics(summary: Any) -> dict[str, list[str]]:
+def _schemas_and_channels(stream: RecordStream) -> tuple[dict[int, Schema], dict[int, Channel]]:
+    """Return the schemas and channels of a bag by their numbers; its index may lack some."""
+    records = [record for record in stream if isinstance(record, Schema | Channel)]
+    return (
+        {record.id: record for record in records if isinstance(record, Schema)},
+        {record.id: record for record in records if isinstance(record, Channel)},
+    )
+
+
+def _messages(stream: RecordStream, channels: Collection[int]) -> list[Message]:
+    """Return the messages of channels in the order of their log times."""
+    read = (record for record in stream if isinstance(record, Message))
+    return sorted(
+        (message for message in read if message.channel_id in channels),
+        key=lambda message: message.log_time,
+    )
+
+
+def _topics(schemas: Mapping[int, Schema], channels: Mapping[int, Channel]) -> dict[str, list[str]]:
     """Return by name of a known schema its topics."""
     found: dict[str, list[str]] = {}
-    for channel in summary.channels.values():
-        schema = summary.schemas.get(channel.schema_id)
+    for channel in channels.values():
+        schema = schemas.get(channel.schema_id)
         if schema is not None and schema.name in {*_ORDER, _FIX}:
             found.setdefault(schema.name, []).append(channel.topic)
     return found
 
 
-def _no_pose(path: Path, summary: Any) -> str:
+def _no_pose(path: Path, schemas: Mapping[int, Schema]) -> str:
     """Return in words that a file has no topic that tells of a flight."""
-    names = [] if summary is None else sorted(one.name for one in summary.schemas.values())
+    names = sorted(schema.name for schema in schemas.values())
     has = f"it has {', '.join(names[:8])}" if names else "it has no schemas: was it cut off?"
     return f"{path} has no topic of {', '.join(_ORDER)}; {has}"
 

@@ -94,8 +94,8 @@ class RecordStream:
         except ChunkLimitError as error:
             raise RecordingError(f"{self._path}: after byte {begin}: {error}") from error
         except DAMAGED as error:
-            said = str(error) if isinstance(error, McapError) else type(error).__name__
-            reason = f"damaged after byte {begin}: {said}"
+            text = str(error) if isinstance(error, McapError) else type(error).__name__
+            reason = f"damaged after byte {begin}: {text}"
             self.end = RecordStreamEnd(whole=False, read_bytes=begin, reason=reason)
 
     def _require_channel(self, record: Record) -> None:

@@ -27,7 +27,7 @@ def test_what_every_version_writes_must_not_be_missing(tmp_path: Path, name: str
         read_result(path)
 
 
-def test_a_flipped_byte_is_told_in_our_words(tmp_path: Path) -> None:
+def test_a_flipped_byte_is_named_by_its_place(tmp_path: Path) -> None:
     path = tmp_path / "result.json"
     path.write_bytes(b'{"case": "l\xe1rge"}')
     with pytest.raises(ResultError, match=r"result\.json is damaged: it is not UTF-8 at byte 11$"):
