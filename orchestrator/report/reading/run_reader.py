@@ -309,15 +309,32 @@ def _read_parts(place: Path, entry: RunEntry) -> _Parts:
     log = read_event_log(place / "log.jsonl")
     motion = read_judged_motion(place / "judged.msgpack")
     trajectory = read_trajectory(place / "trajectory.csv")
-    world = recorded_world(read_facts(place / "run.mcap"), entry.case, entry.mode)
+    facts = read_facts(place / "run.mcap")
+    world = recorded_world(facts, entry.case, entry.mode)
     problems = [*log.problems, *motion.problems, *trajectory.problems, *world.problems]
     if entry.result is not None:
         problems += foreign_files(place, entry.result.evidence_files)
+        problems += _foreign_recording(facts, entry.result)
     stages = dict(log.stages) or dict(motion.stages)
     if entry.result is not None and motion.poses and "end" not in motion.stages:
         last_s = max(t_s for poses in motion.poses.values() for t_s, _ in poses[-1:])
         problems.append(f"judged.msgpack ends at {last_s:.2f} s, before the end of the run")
     return _Parts(log, motion, trajectory.rows, world, problems, stages)
+
+
+def _foreign_recording(facts: Mapping[str, str], result: RunResult) -> list[str]:
+    """Return in a sentence that a recording is of another run by its facts; none without them."""
+    own = {
+        "case": result.case,
+        "mode": result.mode,
+        "rep": str(result.rep),
+        "seed": str(result.seed),
+    }
+    stated = {name: facts.get(name, value) for name, value in own.items()}
+    if stated == own:
+        return []
+    name = f"{stated['case']}/{stated['mode']}/{stated['rep']}"
+    return [f"run.mcap is not that of this flight: it is of {name} with seed {stated['seed']}"]
 
 
 def _poses(parts: _Parts) -> dict[str, list[TimedPose]]:

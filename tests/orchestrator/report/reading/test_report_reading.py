@@ -226,6 +226,16 @@ def test_a_damaged_file_takes_nothing_but_itself(copied: Path, file: str, damage
     assert bool(run.strip) == (file != "run.mcap" or damage == "cut")
 
 
+def test_a_recording_of_another_run_is_named(copied: Path) -> None:
+    """Its images and its world are in the report, and no digest of it is in the result."""
+    place = copied / FAILED
+    (place / "run.mcap").unlink()
+    record_readings(place, "sim")
+    run = run_of(copied)
+    says = f"run.mcap is not that of this flight: it is of {FAILED.replace('wil', 'sim')} with seed"
+    assert any(problem.startswith(says) for problem in run.problems)
+
+
 @pytest.mark.parametrize("file", EVIDENCE_FILES)
 def test_a_file_that_the_flight_did_not_write_is_named(copied: Path, file: str) -> None:
     place = copied / FAILED
