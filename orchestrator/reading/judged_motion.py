@@ -4,6 +4,7 @@ from dataclasses import dataclass, field
 from math import inf
 from pathlib import Path
 
+from wil_campaign.foundation.files.paths import open_at_once
 from wil_campaign.safety.evaluation.judge_log import (
     ActorPose,
     JudgeLogError,
@@ -40,7 +41,7 @@ def read_judged_motion(path: Path) -> JudgedMotion:
     """Return the motion in a judge log, as far as the file is readable."""
     found = JudgedMotion()
     try:
-        with path.open("rb") as stream:
+        with open_at_once(path) as stream:
             for sample in read_judge_log(stream):
                 match sample:
                     case PoseSample(t_s, vehicle, pose, velocity):

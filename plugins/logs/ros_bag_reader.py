@@ -1,7 +1,7 @@
 """Reads bags of ROS 2 in MCAP: odometry, poses and fixes, and PX4's own messages."""
 
 import math
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -34,7 +34,7 @@ def read_ros_bag(path: Path) -> LoggedFlight:
     track = TrackBuilder()
     stream = RecordStream(path)
     try:
-        schemas, channels = _schemas_and_channels(stream)
+        schemas, channels, messages = _read_records(stream)
         topics = _topics(schemas, channels)
         first = [name for name in _ORDER if name in topics][:1]
         wanted = {topics[name][0]: name for name in (*first, _FIX) if name in topics}
@@ -43,10 +43,11 @@ def read_ros_bag(path: Path) -> LoggedFlight:
             number: DecoderFactory().decoder_for("cdr", schemas[one.schema_id])
             for number, one in read.items()
         }
-        for message in _messages(stream, read):
-            ros = decoders[message.channel_id](message.data)
-            kind = wanted[read[message.channel_id].topic]
-            _TAKERS[kind](track, message.log_time * 1e-9, ros)
+        for message in sorted(messages, key=lambda message: message.log_time):
+            if message.channel_id in read:
+                ros = decoders[message.channel_id](message.data)
+                kind = wanted[read[message.channel_id].topic]
+                _TAKERS[kind](track, message.log_time * 1e-9, ros)
     except Exception as error:  # the decoders raise whatever a damaged file causes
         raise FlightLogError(f"{path} cannot be read as an MCAP file: {error}") from error
     if not topics:
@@ -70,22 +71,26 @@ def read_ros_bag(path: Path) -> LoggedFlight:
     )
 
 
-def _schemas_and_channels(stream: RecordStream) -> tuple[dict[int, Schema], dict[int, Channel]]:
-    """Return the schemas and channels of a bag by their numbers; its index may lack some."""
-    records = [record for record in stream if isinstance(record, Schema | Channel)]
-    return (
-        {record.id: record for record in records if isinstance(record, Schema)},
-        {record.id: record for record in records if isinstance(record, Channel)},
-    )
+def _read_records(
+    stream: RecordStream,
+) -> tuple[dict[int, Schema], dict[int, Channel], list[Message]]:
+    """Return a bag's schemas and channels by their numbers, and the messages that tell of a flight.
 
-
-def _messages(stream: RecordStream, channels: Collection[int]) -> list[Message]:
-    """Return the messages of channels in the order of their log times."""
-    read = (record for record in stream if isinstance(record, Message))
-    return sorted(
-        (message for message in read if message.channel_id in channels),
-        key=lambda message: message.log_time,
-    )
+    Not by its index, which may lack some.
+    """
+    schemas: dict[int, Schema] = {}
+    channels: dict[int, Channel] = {}
+    messages: list[Message] = []
+    for record in stream:
+        if isinstance(record, Schema):
+            schemas[record.id] = record
+        elif isinstance(record, Channel):
+            channels[record.id] = record
+        elif isinstance(record, Message):
+            schema = schemas.get(channels[record.channel_id].schema_id)
+            if schema is not None and schema.name in _TAKERS:
+                messages.append(record)
+    return schemas, channels, messages
 
 
 def _topics(schemas: Mapping[int, Schema], channels: Mapping[int, Channel]) -> dict[str, list[str]]:
@@ -93,7 +98,7 @@ def _topics(schemas: Mapping[int, Schema], channels: Mapping[int, Channel]) -> d
     found: dict[str, list[str]] = {}
     for channel in channels.values():
         schema = schemas.get(channel.schema_id)
-        if schema is not None and schema.name in {*_ORDER, _FIX}:
+        if schema is not None and schema.name in _TAKERS:
             found.setdefault(schema.name, []).append(channel.topic)
     return found
 

@@ -20,6 +20,7 @@ from wil_campaign.campaigns.values.sensor_setups import (
     OtherSensorSetup,
     SensorSetup,
 )
+from wil_campaign.foundation.files.paths import open_at_once
 from wil_campaign.orchestrator.recording.judge_log_file import FILE_NAME
 from wil_campaign.orchestrator.state.run_setup import RunOrder, RunSetup
 from wil_campaign.plugins.search.exploration.sensed import (
@@ -94,7 +95,7 @@ def sensed_views(plan: RunPlan, folder: Path) -> tuple[SensedView, ...]:
     views_of = {(eye.sensor, name): _Views() for eye in eyes for name in _counted(eye, names)}
     rays = WorldRays(scene=scene, events=events)
     try:
-        with (folder / FILE_NAME).open("rb") as stream:
+        with open_at_once(folder / FILE_NAME) as stream:
             for sample in _goal_poses(stream, setup.subject, events):
                 for eye in eyes:
                     pose = eye.pose(sample.pose)

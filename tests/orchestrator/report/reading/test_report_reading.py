@@ -1,6 +1,7 @@
 """The reading model: what a recorded folder tells, and what a damaged one still does."""
 
 import json
+import os
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -208,13 +209,15 @@ def test_in_mode_sim_the_twin_perceives_its_own_images(recorded: Path) -> None:
 
 
 @pytest.mark.parametrize("file", ["run.mcap", "judged.msgpack", "log.jsonl", "trajectory.csv"])
-@pytest.mark.parametrize("damage", ["cut", "empty", "foreign", "missing", "folder"])
+@pytest.mark.parametrize("damage", ["cut", "empty", "foreign", "missing", "folder", "pipe"])
 def test_a_damaged_file_takes_nothing_but_itself(copied: Path, file: str, damage: str) -> None:
     path = copied / FAILED / file
     whole = path.read_bytes()
     path.unlink()
     if damage == "folder":
         path.mkdir()
+    elif damage == "pipe":  # nobody writes into it
+        os.mkfifo(path)
     elif damage != "missing":
         content = {"cut": whole[: len(whole) // 2 + 3], "empty": b"", "foreign": b"\x00\xff{" * 999}
         path.write_bytes(content[damage])
