@@ -9,7 +9,6 @@ from typing import Any, Self
 
 from wil_campaign.foundation.background_file import BackgroundFile
 from wil_campaign.foundation.files.limited_json import loads_limited_json
-from wil_campaign.foundation.files.paths import open_at_once
 from wil_campaign.safety.model.verdict import DecisiveEvent, DecisiveKind
 
 _WRITTEN_WITHIN_S = 0.05
@@ -85,7 +84,7 @@ def read_cut_log(path: Path) -> CutLog:
     stages: set[str] = set()
     decisive: list[DecisiveEvent] = []
     end_s = 0.0
-    with suppress(OSError), open_at_once(path) as lines:
+    with suppress(OSError), path.open("rb") as lines:
         for text in lines:
             with suppress(ValueError, KeyError, TypeError):
                 line = loads_limited_json(text)

@@ -90,15 +90,14 @@ def _truth(atom: StlComparison, kinds: Mapping[str, SignalKind]) -> bool | None:
 
 
 def _span(term: Term, kinds: Mapping[str, SignalKind]) -> Span:
-    """Return the interval of a term's values; one that is not known is infinite."""
+    """Return the interval of a term's values; one that is not known is infinite, or NaN."""
     summands = _summands(term)
     if summands is None:
         return _span_of_parts(term, kinds)
     at_least = at_most = summands.pop("", 0.0)
     for name, factor in summands.items():
-        if factor:
-            ends = [factor * end for end in _signal_span(name, kinds)]
-            at_least, at_most = at_least + min(ends), at_most + max(ends)
+        ends = [factor * end for end in _signal_span(name, kinds)]
+        at_least, at_most = at_least + min(ends), at_most + max(ends)
     return at_least, at_most
 
 
@@ -160,4 +159,4 @@ def _span_of_parts(term: Term, kinds: Mapping[str, SignalKind]) -> Span:
             ends = [a / b for a in first for b in second]
         case "/":
             ends = [-math.inf, math.inf]
-    return (-math.inf, math.inf) if any(map(math.isnan, ends)) else (min(ends), max(ends))
+    return min(ends), max(ends)

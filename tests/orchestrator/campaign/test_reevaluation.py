@@ -228,11 +228,14 @@ def test_a_flipped_byte_or_a_cut_says_what_to_do(recorded: Path, tmp_path: Path,
 
 @pytest.mark.parametrize("name", ["judged.msgpack", "log.jsonl", "result.json"])
 @pytest.mark.parametrize("make", [os.mkfifo, os.mkdir, None])
+@pytest.mark.parametrize("is_earlier", [False, True])
 def test_what_is_no_file_is_not_waited_for(
-    recorded: Path, tmp_path: Path, name: str, make: Callable[[Path], None] | None
+    recorded: Path, tmp_path: Path, name: str, make: Callable[[Path], None] | None, is_earlier: bool
 ) -> None:
     plan = replace(plan_of(()), case="large", mode="sim")
     shutil.copytree(recorded / "large" / "sim" / "1", tmp_path, dirs_exist_ok=True)
+    if is_earlier:
+        _forget_own_files(tmp_path)
     (tmp_path / name).unlink()
     if make is not None:
         make(tmp_path / name)

@@ -254,7 +254,10 @@ def test_closing_waits_for_the_reading_thread(tmp_path: Path) -> None:
 
 # MCAP
 
-JPEG = cv2.imencode(".jpg", picture(60), [cv2.IMWRITE_JPEG_QUALITY, 95])[1].tobytes()
+JPEG, BRIGHT = (
+    cv2.imencode(".jpg", picture(level), [cv2.IMWRITE_JPEG_QUALITY, 95])[1].tobytes()
+    for level in (60, 120)
+)
 
 
 def field(number: int, data: bytes) -> bytes:
@@ -301,10 +304,10 @@ KINDS = {
 }
 
 
-def stamped_mcap(path: Path, stamps_s: list[float], logged_s: list[float]) -> Path:
+def stamped_mcap(path: Path, stamps_s: list[float], logged_s: list[float], **options: Any) -> Path:
     """Write images with these stamps and log times."""
     with path.open("wb") as stream:
-        writer = Writer(stream)
+        writer = Writer(stream, **options)
         writer.start()
         schema_id = writer.register_schema("sensor_msgs/msg/CompressedImage", "x", b"")
         channel = writer.register_channel("/camera", "cdr", schema_id)
@@ -325,7 +328,7 @@ def mcap(path: Path, kind: str, topics: list[str], images: list[bytes], **option
             channel = writer.register_channel(topic, encoding, schema_id)
             for k, image in enumerate(images):
                 message = encode(1000, 200_000_000 * k, image)
-                writer.add_message(channel, log_time=k, data=message, publish_time=k)
+                writer.add_message(channel, log_time=k, data=message, publish_time=99 - k)
         writer.finish()  # type: ignore[no-untyped-call]  # of mcap
     return path
 
@@ -376,6 +379,7 @@ def test_a_clock_that_was_set_within_a_recording_is_named(tmp_path: Path) -> Non
         {"use_chunking": False, "repeat_channels": False, "repeat_schemas": False},
         {"index_types": IndexType.NONE},
         {"repeat_channels": False},
+        {"repeat_channels": False, "use_statistics": False},
         {"repeat_schemas": False},
         {"repeat_channels": False, "repeat_schemas": False, "chunk_size": 400},
     ],
@@ -385,6 +389,7 @@ def test_a_clock_that_was_set_within_a_recording_is_named(tmp_path: Path) -> Non
         "without a summary",
         "chunks without an index",
         "channels in the data alone",
+        "channels and their number in the data alone",
         "schemas in the data alone",
         "both in the data alone",
     ],
@@ -408,7 +413,28 @@ def test_chunks_and_messages_that_no_index_names_are_played(tmp_path: Path) -> N
     for more in (chunks_of(longer)[3:], messages_of(loose.read_bytes())[3:]):
         path = tmp_path / "c.mcap"
         path.write_bytes(with_more(whole, b"".join(more)))
-        assert len(played(McapFile(path=path))) == 5
+        readings = played(McapFile(path=path))
+        assert [reading.t_s for reading in readings] == pytest.approx([0.0, 0.2, 0.4, 0.6, 0.8])
+
+
+def test_chunks_that_overlap_in_time_are_played_by_their_times(tmp_path: Path) -> None:
+    times_s = [0.0, 1.0, 0.1, 0.2]
+    two = len(JPEG) * 3 // 2
+    path = stamped_mcap(tmp_path / "a.mcap", times_s, times_s, chunk_size=two)
+    assert len(chunks_of(path.read_bytes())) == 2
+    readings = played(McapFile(path=path))
+    assert [reading.t_s for reading in readings] == pytest.approx([0.0, 0.1, 0.2, 1.0])
+
+
+def test_a_channel_that_a_summary_leaves_out_is_found(tmp_path: Path) -> None:
+    whole = mcap(tmp_path / "a.mcap", "ros2", ["/left", "/right"], [JPEG] * 3).read_bytes()
+    repeated = [record for opcode, record in records_of(whole) if opcode == Opcode.CHANNEL][-1]
+    at = whole.rindex(repeated)
+    summary, offsets, _ = struct.unpack("<QQI", whole[-28:-8])
+    footer = struct.pack("<QQI", summary, offsets - len(repeated), 0)
+    shorter = whole[:at] + whole[at + len(repeated) : -28] + footer + whole[-8:]
+    (tmp_path / "b.mcap").write_bytes(shorter)
+    refused(McapFile(path=tmp_path / "b.mcap"), r"choose one of its image topics.*/left, /right")
 
 
 def test_a_chunk_of_the_index_that_is_no_chunk_any_more_is_damage(tmp_path: Path) -> None:
@@ -449,6 +475,16 @@ def test_one_of_several_topics_is_named(tmp_path: Path) -> None:
     path = mcap(tmp_path / "a.mcap", "protobuf", ["/left", "/right"], [JPEG])
     assert len(played(McapFile(path=path, topic="/right"))) == 1
     refused(McapFile(path=path), r"choose one of its image topics.*/left, /right")
+    with path.open("wb") as stream:  # of images at equal times one alone is seen
+        writer = Writer(stream)
+        writer.start()
+        schema_id = writer.register_schema("sensor_msgs/msg/CompressedImage", "x", b"")
+        for topic, image, time_s in (("/left", BRIGHT, 1), ("/right", JPEG, 2)):
+            channel = writer.register_channel(topic, "cdr", schema_id)
+            writer.add_message(channel, time_s, ros2(time_s, 0, image), time_s)
+        writer.finish()  # type: ignore[no-untyped-call]  # of mcap
+    assert levels(played(McapFile(path=path, topic="/right"))) == [3]
+    assert levels(played(McapFile(path=path, topic="/left"))) == [6]
     refused(McapFile(path=path, topic="/front"), r"'/front'.*/left, /right")
 
 

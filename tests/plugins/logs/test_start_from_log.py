@@ -328,7 +328,7 @@ def test_a_bag_is_read_whole_whatever_its_index_has(
         assert schema is not None
         number = writer.register_schema(schema.name, schema.encoding, schema.data)
         channel_id = writer.register_channel(channel.topic, "cdr", number)
-        for _, _, message in messages:
+        for _, _, message in reversed(messages):  # they count by their log times
             writer.add_message(channel_id, message.log_time, message.data, message.publish_time)
         writer.finish()  # type: ignore[no-untyped-call]  # mcap leaves it untyped
     assert read_log(tmp_path / "b.mcap").track == wanted.track

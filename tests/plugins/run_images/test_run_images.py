@@ -269,6 +269,11 @@ def test_a_stop_leaves_the_picture_that_was_there(
     with pytest.raises(KeyboardInterrupt):
         write(folder, "large/wil/1")
     assert path.read_bytes() == b"before"
+    monkeypatch.undo()
+    last = path.with_suffix(".last")
+    last.hardlink_to(path)
+    assert write(folder, "large/wil/1").stat().st_size > 1000
+    assert last.read_bytes() == b"before"  # no moment at which half of one stands there
 
 
 def test_a_line_that_is_too_long_is_cut_and_a_text_wraps() -> None:

@@ -1,6 +1,7 @@
 """What a run's sensors had before them: from its judge log, by the geometry of its world."""
 
 import math
+import os
 from pathlib import Path
 
 import pytest
@@ -120,4 +121,7 @@ def test_nothing_is_counted_before_the_goal_after_the_landing_or_without_a_judge
     assert views(plan, tmp_path)["front", "post"].nearest_m == pytest.approx(4.8, abs=0.02)
     log = tmp_path / FILE_NAME
     log.write_bytes(b"no log")
+    assert sensed_views(plan, tmp_path) == ()
+    log.unlink()
+    os.mkfifo(log)  # nobody writes into it
     assert sensed_views(plan, tmp_path) == ()
