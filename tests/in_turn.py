@@ -107,6 +107,7 @@ IN_TURN: Mapping[str, tuple[str, ...]] = {
         "test_limits_keep_a_reckless_autonomy_inside_of_the_fence",
         "test_an_autonomy_that_never_ends_runs_into_the_time_limit",
         "test_a_full_disk_lands_the_flight_and_is_an_error",
+        "test_a_live_feed_that_raises_ends_and_the_flight_goes_on",
     ),
     "orchestrator/run/flight/test_scaled_run.py": (
         "test_a_flight_at_four_times_real_time",
@@ -126,6 +127,7 @@ IN_TURN: Mapping[str, tuple[str, ...]] = {
         "test_estimators_loss_is_invalid",
         "test_fix_that_is_lost_is_a_fault_whatever_is_judged",
         "test_dead_reckoning_that_is_permitted_is_a_caveat",
+        "test_an_estimate_that_is_not_a_number_is_no_pass",
     ),
     "orchestrator/run/judging/test_run_evidence.py": (
         "test_motion_capture_counts_from_takeoff_to_landed",
@@ -157,6 +159,8 @@ IN_TURN: Mapping[str, tuple[str, ...]] = {
         "test_a_recipe_that_shows_no_objects_says_that_it_was_not_measured",
         "test_the_outputs_of_a_measured_mixture_are_held_until_the_next_one",
         "test_beams_are_compared_with_what_geometry_puts_before_them",
+        "test_a_covered_real_sensor_of_which_nothing_comes_back_is_invalid",
+        "test_a_mixture_that_shows_the_gate_in_one_image_of_three_is_invalid",
     ),
     "orchestrator/run/stages/test_anchor_capture.py": (
         "test_a_flight_that_is_anchored_by_motion_capture",
@@ -171,6 +175,10 @@ IN_TURN: Mapping[str, tuple[str, ...]] = {
         "test_nothing_of_the_flight_ends_it_while_it_is_held",
         "test_a_hold_while_landing_stops_it_in_the_air",
         "test_the_operator_may_abort_during_a_hold",
+        "test_a_vehicle_that_stood_through_a_hold_is_checked_again_before_it_arms",
+    ),
+    "orchestrator/run/stages/test_synchronisation.py": (
+        "test_a_vehicle_that_stops_to_answer_timesync_in_flight_proves_nothing",
     ),
     "orchestrator/run/stages/test_twin_coupling.py": (),
     "orchestrator/run/vehicles/test_compiled_physics.py": ("test_a_pair_without_jsbsim_passes",),
@@ -187,7 +195,23 @@ IN_TURN: Mapping[str, tuple[str, ...]] = {
     "orchestrator/state/test_return_path.py": ("test_it_flies_back_and_stands_at_its_start",),
     "plugins/cluster/bench/test_bench_deaths.py": (),
     "plugins/cluster/bench/test_bench_flight.py": (),
+    "plugins/cluster/test_ray_engine.py": (
+        "test_a_lost_node_keeps_a_campaign_from_nothing_that_others_fly",
+        "test_a_file_of_the_node_that_changes_while_the_campaign_flies_ends_it",
+        "test_an_operator_reaches_the_run_on_its_node",
+        "test_a_worker_that_dies_in_flight_takes_one_run_which_is_not_flown_again",
+    ),
     "plugins/cluster/test_s3.py": ("test_a_server_that_vanishes_is_an_error_with_its_address",),
+    "plugins/cluster/test_store_of_results.py": (
+        "test_a_failure_whose_files_cannot_be_sent_is_not_flown_again",
+        "test_a_store_that_does_not_answer_keeps_a_resumed_campaign_from_flying",
+        "test_a_result_that_cannot_be_sent_stays_on_the_node_that_the_reason_names",
+        "test_a_result_sent_for_a_program_that_died_is_fetched_by_the_next_one",
+        "test_a_store_that_is_gone_when_the_result_is_fetched_leaves_it_on_the_node",
+        "test_an_order_of_an_earlier_start_is_refused_by_the_store",
+        "test_a_damaged_file_does_not_count",
+        "test_a_worker_that_dies_in_flight_is_waited_for_in_the_store",
+    ),
     "plugins/console/test_console_flight.py": (),
     "plugins/foxglove/test_bridge_flight.py": (),
     "plugins/impaired_links/test_bad_radio.py": (
@@ -202,6 +226,7 @@ IN_TURN: Mapping[str, tuple[str, ...]] = {
     "plugins/impaired_links/test_impaired_flight.py": ("test_a_flight_over_a_bad_radio",),
     "plugins/injection/test_injected_flights.py": (
         "test_the_real_autopilot_stops_before_a_wall_that_is_not_there_and_again",
+        "test_a_twin_that_follows_keeps_from_nothing_by_itself",
     ),
     "plugins/logs/test_start_from_log.py": ("test_the_log_of_a_run_is_flown_again",),
     "plugins/mavsdk/test_mavsdk_run.py": (),
@@ -245,6 +270,9 @@ IN_TURN: Mapping[str, tuple[str, ...]] = {
     "plugins/search/test_search_on_bench.py": (
         "test_a_search_on_a_bench_asks_before_each_flight_and_ends_without_consent",
     ),
+    "plugins/search/test_search_places.py": (
+        "test_a_search_over_a_cluster_finds_the_same_with_workers_that_stay",
+    ),
     "plugins/standalone/test_vehicle_camera.py": (
         "test_a_ground_station_s_connect_sequence_ends_at_pictures_of_the_world",
     ),
@@ -284,6 +312,8 @@ IN_TURN: Mapping[str, tuple[str, ...]] = {
         "test_each_segment_is_where_the_firmware_is",
         "test_px4_is_no_farther_from_the_firmwares_flights_than_they_are_from_each_other",
         "test_another_gain_is_seen",
+        "test_events_follow_each_other_as_the_firmware_has_them",
+        "test_px4_pitches_as_and_when_the_firmware_does",
     ),
     "vehicles/embedded/process/test_many_clients.py": (
         "test_two_vehicles_at_one_port_of_a_client_are_distinguished",
@@ -296,6 +326,15 @@ IN_TURN: Mapping[str, tuple[str, ...]] = {
     "wil_campaign/test_installed_plugins.py": (
         "test_a_plugin_observes_the_runs_of_a_campaign_that_has_its_key",
         "test_a_plugin_of_one_file_flies_in_the_gate",
+        "test_runs_fly_by_an_engine_of_another_distribution",
+        "test_the_plugin_of_the_page_flies",
+        "test_a_live_view_with_the_name_of_an_option_of_run_is_named",
+        "test_a_live_view_whose_name_is_no_word_is_named",
+    ),
+    "wil_campaign/test_plugin_faults.py": (
+        "test_a_plugin_s_sensor_that_fails_is_named",
+        "test_a_plugin_s_oracle_that_returns_what_is_no_answer_is_named",
+        "test_a_plugin_s_oracle_that_cannot_be_made_is_named",
     ),
     "wil_campaign/test_sensor_plugin.py": (),
 }

@@ -6,6 +6,7 @@ import time
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import asdict, dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -14,6 +15,7 @@ from wil_campaign.campaigns.setup.case_setup import FLIES
 from wil_campaign.foundation.files.document_writer import to_json
 from wil_campaign.foundation.files.limited_json import read_limited_json
 from wil_campaign.foundation.files.problems import printable_problem
+from wil_campaign.foundation.processes.interrupts import signals_call
 from wil_campaign.foundation.tasks import TaskAccount, raising_first_task_error
 from wil_campaign.orchestrator.campaign.between_runs import BetweenRuns
 from wil_campaign.orchestrator.campaign.flight_options import ClearedCampaign, FlightOptions
@@ -266,27 +268,24 @@ class _Flight:
     async def fly(self) -> None:
         """Fly the campaign's runs on the worker pool until all are finished."""
         loop = asyncio.get_running_loop()
-        handled = [number for number in _NAMES if signal.getsignal(number) is not signal.SIG_IGN]
-        for number in handled:
-            loop.add_signal_handler(number, self._controller.signal, _NAMES[number])
+        calls = {number: partial(self._controller.signal, name) for number, name in _NAMES.items()}
         loop.set_exception_handler(self._report_unhandled)
         account = TaskAccount(
             fault=self._faults.record,
             expected=(OutputError, OperatingError, EngineError, OSError, EOFError),
         )
-        try:
-            with raising_first_task_error(OutputError, EngineError), account.of(loop):
-                async with open_operator_channels(self._controller, self._campaign.operators):
-                    await self._pool.fly(self._orders())
-                if self._changed is not None:
-                    raise self._changed
-        finally:
-            await self._workers.close()
-            self._repositioning.end_wait()
-            with self._faults.recording("a message"):
-                self._watcher.settle()
-            for number in handled:
-                loop.remove_signal_handler(number)
+        with signals_call(calls):
+            try:
+                with raising_first_task_error(OutputError, EngineError), account.of(loop):
+                    async with open_operator_channels(self._controller, self._campaign.operators):
+                        await self._pool.fly(self._orders())
+                    if self._changed is not None:
+                        raise self._changed
+            finally:
+                await self._workers.close()
+                self._repositioning.end_wait()
+                with self._faults.recording("a message"):
+                    self._watcher.settle()
 
     def _say(self, text: str) -> None:
         """Show a sentence about the campaign; that it cannot be shown must not end a flight."""

@@ -4,11 +4,12 @@ import asyncio
 import signal
 import time
 from collections import deque
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
 
+from wil_campaign.foundation.processes.interrupts import signals_call
 from wil_campaign.foundation.tasks import finish_in_task, start_task, stop_tasks
 from wil_campaign.orchestrator.campaign.resuming.attached_vehicles import AttachedVehicle
 from wil_campaign.plugins.step_response.comparison import FigureRow, compare_figures, load_ranges
@@ -198,20 +199,8 @@ async def _bring_down(guard: Guard, reason: str) -> None:
         )
 
 
-@contextmanager
-def _interrupts_cancel() -> Iterator[None]:
+def _interrupts_cancel() -> AbstractContextManager[None]:
     """Cancel the current task on SIGINT, SIGTERM and SIGHUP, however often."""
-    loop, task = asyncio.get_running_loop(), asyncio.current_task()
-    numbers = [
-        number
-        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-        if signal.getsignal(number) is not signal.SIG_IGN
-    ]
-    for number in numbers:
-        if task is not None:
-            loop.add_signal_handler(number, task.cancel)
-    try:
-        yield
-    finally:
-        for number in numbers:
-            loop.remove_signal_handler(number)
+    task = asyncio.current_task()
+    numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+    return signals_call(dict.fromkeys(numbers, task.cancel) if task is not None else {})

@@ -1,7 +1,8 @@
-"""Keeps Ctrl-C, which a terminal sends to all processes of a program, from its helpers."""
+"""Signals: what a program's loop does with them, and Ctrl-C kept from the program's helpers."""
 
+import asyncio
 import signal
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from multiprocessing import resource_tracker
 
@@ -25,3 +26,24 @@ def ignore_ctrl_c() -> None:
     """Ignore Ctrl-C in this process and in those that it starts, also where it was blocked."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
+
+
+@contextmanager
+def signals_call(calls: Mapping[signal.Signals, Callable[[], object]]) -> Iterator[None]:
+    """Have the running loop call a function for each signal that is not ignored.
+
+    What a signal did before it does again at the end: asyncio alone would leave SIGTERM and SIGHUP
+    to kill the program from then on, whatever its own code had them do.
+    """
+    loop = asyncio.get_running_loop()
+    before = {number: signal.getsignal(number) for number in calls}
+    called = [number for number, handler in before.items() if handler is not signal.SIG_IGN]
+    for number in called:
+        loop.add_signal_handler(number, calls[number])
+    try:
+        yield
+    finally:
+        for number in called:
+            loop.remove_signal_handler(number)
+            if (handler := before[number]) is not None:  # None: one that is not Python's
+                signal.signal(number, handler)

@@ -22,6 +22,7 @@ from wil_campaign.campaigns.expansion.expansion import load_campaign
 from wil_campaign.orchestrator.campaign.folder import campaign_folder
 from wil_campaign.orchestrator.campaign.folder.manifest import campaign_manifest
 from wil_campaign.orchestrator.cli import main
+from wil_campaign.orchestrator.run_results.campaign_results import Summary, summarize
 
 ROOT = Path(__file__).parents[4]
 pytestmark = pytest.mark.usefixtures("forked_workers")
@@ -139,6 +140,20 @@ def test_other_signals_land_flying_vehicles(
     finally:
         signal.signal(number, before)
     assert_aborted(campaign, number.name, capsys.readouterr().out)
+
+
+def test_a_signal_after_the_last_run_ends_the_program_as_ctrl_c_does(
+    campaign: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def summarize_with_signal(*args: Any, **options: Any) -> Summary:
+        summary = summarize(*args, **options)
+        if summary.accepted is not None:
+            os.kill(os.getpid(), signal.SIGTERM)
+        return summary
+
+    runner = "wil_campaign.orchestrator.campaign.campaign_runner"
+    monkeypatch.setattr(f"{runner}.summarize", summarize_with_signal)
+    assert main([*command(campaign)[3:], "--repetitions", "1"]) == 130
 
 
 HANGS = """\
