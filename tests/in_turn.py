@@ -1,10 +1,10 @@
 """What flies in turn: with each commit a fifth of it, which the commit's hash chooses.
 
 Half of the processor's time of all tests goes into a twenty-fifth of them: flights of programs on
-the wall clock, and flights that differ from others in a little. All of it flies within some commits
-of any branch, and the same of it with the same commit on every machine. `pytest --all` and
-`.ci/run --all` fly it all, and so does whoever names a file or a test: only a run of all tests
-leaves something out, and says so.
+the wall clock, faults of plugins, nodes and stores that each fly a campaign, and flights that
+differ from others in a little. All of it flies within some commits of any branch, and the same of
+it with the same commit on every machine. `pytest --all` and `.ci/run --all` fly it all, and so does
+whoever names a file or a test: only a run of all tests leaves something out, and says so.
 """
 
 import subprocess
