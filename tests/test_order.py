@@ -76,7 +76,7 @@ def test_all_tests_leave_out_whose_turn_it_is_not_and_who_names_a_test_flies_it(
     pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("PYTHONPATH", str(ROOT.parent))
-    cases = "import pytest\n@pytest.mark.parametrize('k', range(11))\ndef test_it(k): ...\n"
+    cases = "import pytest\n@pytest.mark.parametrize('k', range(21))\ndef test_it(k): ...\n"
     pytester.makepyfile(**{"tests/test_cases": cases})
     pytester.makeini("[pytest]\ntestpaths = tests")
     pytester.makeconftest(CONFTEST)
@@ -85,13 +85,13 @@ def test_all_tests_leave_out_whose_turn_it_is_not_and_who_names_a_test_flies_it(
         return pytester.runpytest_subprocess("-p", "no:wil-campaign", *words)
 
     some = ended()
-    some.assert_outcomes(passed=1 + 2, deselected=8)
-    some.stdout.fnmatch_lines(["in turn: of tests/in_turn.py share 2 of 5, by the commit;*"])
-    ended("--all").assert_outcomes(passed=11)
-    ended("-k", "test_it").assert_outcomes(passed=11)
-    ended("--lf").assert_outcomes(passed=11)
+    some.assert_outcomes(passed=1 + 2, deselected=18)
+    some.stdout.fnmatch_lines(["in turn: of tests/in_turn.py share 2 of 10, by the commit;*"])
+    ended("--all").assert_outcomes(passed=21)
+    ended("-k", "test_it").assert_outcomes(passed=21)
+    ended("--lf").assert_outcomes(passed=21)
     ended("-n", "1").assert_outcomes(passed=1 + 2)
-    ended("-n", "1", "tests/test_cases.py").assert_outcomes(passed=11)
+    ended("-n", "1", "tests/test_cases.py").assert_outcomes(passed=21)
 
 
 def test_every_module_that_flies_a_program_is_among_the_flights() -> None:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.made_once import made_once
 from wil_campaign.campaigns.expansion.expansion import ExpansionOptions, load_campaign
 from wil_campaign.orchestrator.campaign.workers.run_server import start_run_server
 from wil_campaign.orchestrator.cli import main
@@ -125,12 +126,14 @@ GATE_FLOWN = (
 @pytest.fixture(scope="session")
 def flown_gate(fork_server: None, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return the results folder of a run and a control of gate.yaml, flown as users fly them."""
-    out = tmp_path_factory.mktemp("out")
     gate = str(ROOT / "campaigns" / "gate.yaml")
-    with workers_forked():
-        given = (*GATE_FLOWN, "--repetitions", "1", "--out", str(out), "--jobs", "1", "--json")
-        assert main(["run", gate, *given]) == 0
-    (folder,) = (out / "gate").iterdir()
+
+    def fly(out: Path) -> None:
+        with workers_forked():
+            given = (*GATE_FLOWN, "--repetitions", "1", "--out", str(out), "--jobs", "1", "--json")
+            assert main(["run", gate, *given]) == 0
+
+    (folder,) = (made_once(tmp_path_factory, "flown-gate", fly) / "gate").iterdir()
     return folder
 
 

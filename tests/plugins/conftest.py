@@ -2,7 +2,6 @@
 
 from tests.campaigns.conftest import files  # noqa: F401 - a fixture
 from tests.orchestrator.conftest import (  # noqa: F401 - fixtures
-    flown_gate,
     fly_run,
     fork_server,
     forked_workers,

@@ -5,7 +5,7 @@ import os
 import signal
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -52,8 +52,9 @@ class MortalAgent(node_agent.NodeAgent):
 
     def die(self) -> None:
         for child in psutil.Process().children():
-            if "wil_campaign.plugins.cluster.node_process" in child.cmdline():
-                child.kill()
+            with suppress(psutil.ZombieProcess, psutil.NoSuchProcess):  # it has ended already
+                if "wil_campaign.plugins.cluster.node_process" in child.cmdline():
+                    child.kill()
         self._to.close()
 
     def wait(self) -> None:

@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 
 import wil_campaign
+from tests.made_once import made_once
 from tests.orchestrator.hover import write_hover
 from tests.test_house import ROOT
 from wil_campaign.orchestrator.cli.engine_flight import campaign_of_runs
@@ -56,19 +57,24 @@ EDITABLE = ("-W", "ignore::pytest.PytestAssertRewriteWarning")
 
 @pytest.fixture(scope="module")
 def session(tmp_path_factory: pytest.TempPathFactory) -> Session:
-    folder = tmp_path_factory.mktemp("flown")
-    write_cases(folder)
-    done = subprocess.run(  # noqa: S603 - our own interpreter
-        [sys.executable, "-m", "pytest", *ARGUMENTS, *EDITABLE, "hover.yaml", "--wil-out", "out"],
-        cwd=folder,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    def fly(folder: Path) -> None:
+        write_cases(folder)
+        file = ("hover.yaml", "--wil-out", "out")
+        done = subprocess.run(  # noqa: S603 - our own interpreter
+            [sys.executable, "-m", "pytest", *ARGUMENTS, *EDITABLE, *file],
+            cwd=folder,
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        (folder / "stdout").write_text(done.stdout, "utf-8")
+
+    folder = made_once(tmp_path_factory, "flown-by-pytest", fly)
     (flown,) = (folder / "out" / "hover").iterdir()
-    words = done.stdout.splitlines()[-1].strip("= ").partition(" in ")[0].split(", ")
+    text = (folder / "stdout").read_text("utf-8")
+    words = text.splitlines()[-1].strip("= ").partition(" in ")[0].split(", ")
     outcomes = {word.split()[1].rstrip("s"): int(word.split()[0]) for word in words}
-    return Session(wil_campaign.read_results(flown), outcomes, done.stdout)
+    return Session(wil_campaign.read_results(flown), outcomes, text)
 
 
 def test_a_fail_is_a_failure_and_an_unproven_run_an_error(session: Session) -> None:
