@@ -2,9 +2,10 @@
 
 Most of the processor's time of all tests goes into a twentieth of them: flights of programs on the
 wall clock, faults of plugins, nodes and stores that each fly a campaign, pages in a browser, and
-flights that differ from others in a little. All of it flies within some commits of any branch, and the same of
-it with the same commit on every machine. `pytest --all` and `.ci/run --all` fly it all, and so does
-whoever names a file or a test: only a run of all tests leaves something out, and says so.
+flights that differ from others in a little. Each of them flies with one commit of ten, and the same
+of them with the same commit on every machine. `pytest --all` and `.ci/run --all` fly them all, as
+before a release, and so does whoever names a file or a test: only a run of all tests leaves
+something out, and says so.
 """
 
 import subprocess
@@ -13,8 +14,15 @@ from pathlib import Path
 
 SHARES = 10
 IN_TURN: Mapping[str, tuple[str, ...]] = {
+    "campaigns/autonomies/test_gate_autonomy.py": (
+        "test_it_flies_through_the_middle_and_stops_behind",
+    ),
+    "campaigns/checks/test_autonomy_checks.py": (
+        "test_a_program_that_checks_a_file_is_not_run_again_for_it",
+    ),
     "campaigns/checks/test_case_warnings.py": (
         "test_time_without_a_processor_is_not_the_autonomys",
+        "test_an_autonomy_that_blocks_or_dies_on_import_is_a_fault",
     ),
     "faults/exceptions/test_injected_exceptions.py": (
         "test_no_exception_is_lost",
@@ -25,6 +33,7 @@ IN_TURN: Mapping[str, tuple[str, ...]] = {
     "faults/test_field_faults.py": (
         "test_messages_of_a_second_sender_hide_no_wall",
         "test_a_part_that_is_lost_is_refused_or_nothing_says_that_it_was_there",
+        "test_changes_by_a_ground_station_do_not_arrive_in_a_sound_flight",
     ),
     "faults/test_signal_faults.py": (
         "test_no_fault_of_a_signal_makes_a_flight_pass_that_must_fail",
@@ -38,6 +47,11 @@ IN_TURN: Mapping[str, tuple[str, ...]] = {
         "test_both_vehicles_come_down_after_any_trouble",
         "test_a_step_of_the_wall_clock_changes_nothing",
     ),
+    "orchestrator/campaign/folder/test_manifest.py": (
+        "test_which_runs_were_chosen_is_no_change_of_their_files",
+        "test_requirements_are_read_back_from_the_manifest",
+        "test_each_run_is_recorded_with_the_world_that_it_flies_in",
+    ),
     "orchestrator/campaign/folder/test_repetitions.py": (
         "test_readers_know_that_a_composition_stops_when_it_is_decided",
     ),
@@ -45,6 +59,7 @@ IN_TURN: Mapping[str, tuple[str, ...]] = {
         "test_a_run_that_lands_after_a_kill_is_flown_again",
         "test_no_run_counts_twice_after_two_kills_with_its_run",
         "test_a_resumption_keeps_the_runs_before_a_kill_between_two_runs",
+        "test_other_versions_and_spoilt_manifests_are_not_resumed",
     ),
     "orchestrator/campaign/test_attached_run.py": (),
     "orchestrator/campaign/test_no_second_attempt.py": (
@@ -57,12 +72,24 @@ IN_TURN: Mapping[str, tuple[str, ...]] = {
         "test_a_reason_quotes_the_note_of_the_moment_that_decided",
         "test_judge_counts_the_end_of_a_campaign_outside_of_its_runs",
     ),
+    "orchestrator/campaign/test_retries.py": (
+        "test_a_run_that_the_decision_made_needless_is_not_flown_again",
+    ),
     "orchestrator/campaign/test_side_by_side.py": (),
+    "orchestrator/campaign/test_user_code.py": (
+        "test_a_change_of_any_module_is_seen_before_a_resumption",
+    ),
     "orchestrator/campaign/workers/test_run_server.py": (
         "test_runs_are_flown_after_the_folder_of_the_run_servers_socket_has_gone",
+        "test_a_file_of_the_user_is_not_imported_in_place_of_a_module",
+        "test_a_program_that_is_killed_leaves_no_worker_of_its_report",
+        "test_ctrl_c_while_the_run_server_imports_prints_no_traceback",
+        "test_a_run_loads_nothing_to_read_its_files_that_the_run_server_can_load",
     ),
     "orchestrator/campaign/workers/test_worker_pool.py": (
         "test_time_without_a_processor_is_not_that_of_loading",
+        "test_the_death_of_the_run_server_is_no_fault_of_a_run_that_was_done",
+        "test_a_run_server_that_ends_before_it_forks_is_started_again",
     ),
     "orchestrator/cli/commands/test_container_user.py": (
         "test_an_unknown_user_without_a_home_flies_from_a_read_only_installation",
@@ -74,8 +101,12 @@ IN_TURN: Mapping[str, tuple[str, ...]] = {
         "test_a_document_that_nobody_takes_is_no_success_and_progress_need_not_be_taken",
         "test_other_signals_land_flying_vehicles",
         "test_runs_of_one_worker_do_not_know_of_each_other",
+        "test_results_that_somebody_removes_while_others_fly_are_named",
     ),
     "orchestrator/cli/test_first_compilation.py": ("test_run_prints_it_before_the_first_flight",),
+    "orchestrator/cli/test_standard_streams.py": (
+        "test_a_reader_that_has_seen_enough_causes_no_error",
+    ),
     "orchestrator/external/test_attached_readings.py": (),
     "orchestrator/external/test_external_flights.py": (),
     "orchestrator/external/test_reading_flights.py": (
@@ -85,8 +116,13 @@ IN_TURN: Mapping[str, tuple[str, ...]] = {
         "test_a_recording_is_flown_by_and_is_an_error_when_it_ends_in_flight",
         "test_recorded_depth_is_mixed_perceived_recorded_and_read_back",
         "test_depth_that_is_spoiled_proves_nothing",
+        "test_a_lidar_has_the_distances_of_the_autopilot_s_sectors",
+        "test_a_sensor_that_is_wrong_from_the_start_is_refused_before_arming",
     ),
     "orchestrator/external/test_sourced_flights.py": (),
+    "orchestrator/reading/test_damaged_documents.py": (
+        "test_a_campaign_file_of_another_shape_is_named",
+    ),
     "orchestrator/recording/test_recorded_images.py": (
         "test_a_flight_records_no_image_that_it_drew_and_all_read_it",
     ),
@@ -145,6 +181,7 @@ IN_TURN: Mapping[str, tuple[str, ...]] = {
         "test_estimators_loss_is_invalid",
         "test_fix_that_is_lost_is_a_fault_whatever_is_judged",
         "test_dead_reckoning_that_is_permitted_is_a_caveat",
+        "test_a_foreign_heartbeat_is_named_and_is_no_state_of_the_vehicle",
     ),
     "orchestrator/run/judging/test_run_evidence.py": (
         "test_motion_capture_counts_from_takeoff_to_landed",
@@ -198,6 +235,7 @@ IN_TURN: Mapping[str, tuple[str, ...]] = {
     "orchestrator/run/vehicles/test_compiled_physics.py": ("test_a_pair_without_jsbsim_passes",),
     "orchestrator/run/vehicles/test_firmware_record.py": (
         "test_the_firmware_and_a_digest_of_its_parameters",
+        "test_the_firmware_that_flew_is_in_the_manifest_and_the_report",
     ),
     "orchestrator/run/vehicles/test_onboard_fences.py": (
         "test_both_autopilots_have_the_new_fence",
@@ -205,10 +243,22 @@ IN_TURN: Mapping[str, tuple[str, ...]] = {
         "test_each_vehicle_may_get_one_of_its_own",
         "test_no_autopilot_keeps_a_fence_that_one_of_them_refuses",
         "test_a_radio_that_loses_delays_it",
+        "test_a_short_outage_in_the_middle_is_waited_for",
+        "test_a_held_vehicle_may_be_given_another_fence",
+    ),
+    "orchestrator/run/vehicles/test_preflight_faults.py": (
+        "test_a_failsafe_that_returns_to_a_place_outside_of_the_fence",
     ),
     "orchestrator/run/vehicles/test_preflight_runs.py": (
         "test_a_return_is_set_beneath_a_low_ceiling",
         "test_an_overridden_check_lets_it_fly_and_names_the_person",
+        "test_preflight_checks_are_in_the_result_and_the_log",
+        "test_an_older_px4_that_climbs_higher_than_the_campaign_wants_never_arms",
+        "test_the_preflight_shows_that_commands_are_not_signed",
+        "test_steps_before_arming_are_recorded_in_their_order",
+    ),
+    "orchestrator/run_results/test_caveats.py": (
+        "test_a_flown_campaign_says_what_failed_and_was_only_reported",
     ),
     "orchestrator/state/test_return_path.py": ("test_it_flies_back_and_stands_at_its_start",),
     "orchestrator/test_autonomy_page.py": ("test_the_autonomy_of_the_page_passes_the_gate",),
@@ -219,11 +269,13 @@ IN_TURN: Mapping[str, tuple[str, ...]] = {
     "plugins/calibration/test_boards.py": ("test_corners_are_found_where_they_are",),
     "plugins/calibration/test_calibrate.py": (
         "test_mounting_by_a_video_and_the_poses_of_its_body_whose_clocks_differ",
+        "test_a_recorded_run_has_images_and_poses",
     ),
     "plugins/calibration/test_mounting_fit.py": (
         "test_images_while_the_body_was_hidden_are_left_out",
         "test_mounting_and_latency_are_recovered",
     ),
+    "plugins/ci/test_github_job.py": ("test_run_and_judge_tell_the_job",),
     "plugins/cluster/bench/test_bench_deaths.py": (),
     "plugins/cluster/bench/test_bench_flight.py": (),
     "plugins/cluster/test_ray_engine.py": (
@@ -249,6 +301,7 @@ IN_TURN: Mapping[str, tuple[str, ...]] = {
         "test_areas_of_both_kinds_are_sent_as_they_are",
         "test_an_area_is_added_dragged_and_kept_out_of_and_another_removed",
         "test_a_fence_of_exclusions_alone_is_not_sent",
+        "test_a_first_fence_is_drawn_around_the_vehicles",
     ),
     "plugins/console/test_page_in_space.py": (
         "test_the_view_in_space_shows_vehicles_fence_and_gate_and_turns",
@@ -258,8 +311,16 @@ IN_TURN: Mapping[str, tuple[str, ...]] = {
         "test_the_next_run_is_announced_until_the_last",
         "test_two_campaigns_are_named_and_their_flying_vehicles_are_summed",
         "test_choosing_a_run_redraws_all_and_shows_its_events",
+        "test_the_head_names_what_has_failed_and_nothing_that_is_only_not_reached_yet",
+        "test_margins_are_in_the_first_screen_and_the_dialog_covers_no_abort",
+        "test_an_abort_is_followed_until_all_are_down",
+    ),
+    "plugins/console/test_page_unseen.py": (
+        "test_all_down_has_the_same_time_after_a_reload",
+        "test_a_page_that_is_opened_later_shows_the_true_age",
     ),
     "plugins/console/test_two_operators.py": ("test_control_is_handed_over_in_sight_of_both",),
+    "plugins/foxglove/test_bridge.py": ("test_an_address_in_use_is_refused_before_anything_flies",),
     "plugins/foxglove/test_bridge_flight.py": (),
     "plugins/impaired_links/test_bad_radio.py": (
         "test_the_pair_flies_over_a_radio_that_loses_and_is_late",
@@ -275,10 +336,14 @@ IN_TURN: Mapping[str, tuple[str, ...]] = {
         "test_the_real_autopilot_stops_before_a_wall_that_is_not_there_and_again",
         "test_a_twin_that_follows_keeps_from_nothing_by_itself",
         "test_in_mode_sim_the_twin_gets_its_own_lidar",
+        "test_an_arducopter_whose_range_sensor_is_silent_is_not_ready",
     ),
     "plugins/logs/test_start_from_log.py": ("test_the_log_of_a_run_is_flown_again",),
     "plugins/mavsdk/test_mavsdk_run.py": (),
-    "plugins/meshes/test_mesh_limits.py": ("test_instances_are_counted_before_they_are_made",),
+    "plugins/meshes/test_mesh_limits.py": (
+        "test_instances_are_counted_before_they_are_made",
+        "test_a_small_file_with_a_large_picture_is_refused",
+    ),
     "plugins/offline/test_replay_runs.py": (
         "test_a_run_mixed_anew_equals_its_recording",
         "test_steps_that_select_by_time_also_get_images_not_due_in_a_replay",
@@ -298,7 +363,10 @@ IN_TURN: Mapping[str, tuple[str, ...]] = {
         "test_a_user_without_the_right_to_arm_cannot_arm_a_bench_by_a_program",
         "test_a_program_names_an_engine",
     ),
-    "plugins/python/test_mock_vehicle.py": ("test_the_fixture_in_a_session_of_pytest",),
+    "plugins/python/test_mock_vehicle.py": (
+        "test_the_fixture_in_a_session_of_pytest",
+        "test_mavsdk_arms_it_and_it_ends_with_the_program_however_that_ends",
+    ),
     "plugins/python/test_python_docs.py": (
         "test_the_examples_of_the_page_run",
         "test_an_exception_of_the_program_lands_first",
@@ -324,6 +392,9 @@ IN_TURN: Mapping[str, tuple[str, ...]] = {
     "plugins/search/test_search_places.py": (
         "test_a_search_over_a_cluster_finds_the_same_with_workers_that_stay",
         "test_a_search_flies_in_the_fence_of_a_bench_and_not_its_vehicle",
+    ),
+    "plugins/search/test_search_runner.py": (
+        "test_a_search_killed_at_any_batch_goes_on_as_if_it_had_not_been",
     ),
     "plugins/standalone/test_vehicle_camera.py": (
         "test_a_ground_station_s_connect_sequence_ends_at_pictures_of_the_world",
@@ -356,11 +427,16 @@ IN_TURN: Mapping[str, tuple[str, ...]] = {
         "test_mavproxy_flies_the_embedded_vehicle",
         "test_a_mock_vehicle_answers_all_that_qgroundcontrol_asks",
     ),
-    "vehicles/driver/onboard/test_onboard.py": ("test_logs_of_a_flight_are_whole",),
+    "vehicles/driver/onboard/test_onboard.py": (
+        "test_logs_of_a_flight_are_whole",
+        "test_fence_mission_and_parameters_are_written_and_read_back",
+    ),
     "vehicles/driver/test_conformance.py": (
         "test_each_driver_flies_a_whole_flight",
         "test_a_link_that_flaps_is_reported_each_time_and_the_vehicle_flies_after_it",
     ),
+    "vehicles/driver/test_driver.py": ("test_flies_whatever_the_latency",),
+    "vehicles/driver/test_driver_parts.py": ("test_awaited_commands_of_a_closed_commander_fail",),
     "vehicles/driver/test_flights_in_a_row.py": (
         "test_ten_flights_in_a_row_of_which_somebody_else_ends_every_second",
     ),
@@ -382,9 +458,16 @@ IN_TURN: Mapping[str, tuple[str, ...]] = {
         "test_two_vehicles_at_one_port_of_a_client_are_distinguished",
         "test_a_second_vehicle_at_a_port_to_listen_at_is_refused",
     ),
+    "vehicles/mavlink/test_sender_sequence.py": (
+        "test_short_outages_of_a_fast_sender_make_no_second_one",
+    ),
+    "vehicles/perception/test_hsv_kernel.py": ("test_a_campaign_is_validated_without_numba",),
     "wil_campaign/foundation/processes/test_other_systems.py": (
         "test_a_doctor_looks_at_other_systems_too",
         "test_runs_on_other_systems_fly_in_virtual_time_alone",
+    ),
+    "wil_campaign/foundation/processes/test_parallel_calls.py": (
+        "test_results_come_in_order_unless_a_process_is_lost",
     ),
     "wil_campaign/test_installed_plugins.py": (
         "test_a_plugin_observes_the_runs_of_a_campaign_that_has_its_key",
@@ -395,13 +478,20 @@ IN_TURN: Mapping[str, tuple[str, ...]] = {
         "test_a_live_view_whose_name_is_no_word_is_named",
         "test_a_plugin_tells_how_commands_ended_and_may_fail",
         "test_the_text_of_a_section_is_printed_after_the_verdicts",
+        "test_a_plugin_says_which_other_one_it_lacks",
     ),
     "wil_campaign/test_plugin_faults.py": (
         "test_a_plugin_s_sensor_that_fails_is_named",
         "test_a_plugin_s_oracle_that_returns_what_is_no_answer_is_named",
         "test_a_plugin_s_oracle_that_cannot_be_made_is_named",
     ),
+    "wil_campaign/test_program_end.py": (
+        "test_the_run_server_starts_before_a_command_that_flies_is_imported",
+    ),
     "wil_campaign/test_sensor_plugin.py": (),
+    "worlds/test_jit.py": (
+        "test_the_first_kernel_imports_no_linear_algebra_and_others_still_have_it",
+    ),
 }
 """Files beneath tests, and their functions that fly in turn; none: all of them."""
 
