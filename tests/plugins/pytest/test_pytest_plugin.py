@@ -59,9 +59,9 @@ EDITABLE = ("-W", "ignore::pytest.PytestAssertRewriteWarning")
 def session(tmp_path_factory: pytest.TempPathFactory) -> Session:
     def fly(folder: Path) -> None:
         write_cases(folder)
-        file = ("hover.yaml", "--wil-out", "out")
+        given = ("hover.yaml", "--wil-out", "out")
         done = subprocess.run(  # noqa: S603 - our own interpreter
-            [sys.executable, "-m", "pytest", *ARGUMENTS, *EDITABLE, *file],
+            [sys.executable, "-m", "pytest", *ARGUMENTS, *EDITABLE, *given],
             cwd=folder,
             capture_output=True,
             text=True,
