@@ -29,7 +29,7 @@ from wil_campaign.foundation.processes.linux import die_with_parent
 
 settings.register_profile("here", deadline=None)
 # CI searches the same way each time: more examples find nothing that the first run did not.
-settings.register_profile("ci", deadline=None, derandomize=True, max_examples=25)
+settings.register_profile("ci", deadline=None, derandomize=True, max_examples=50)
 settings.load_profile("ci" if os.environ.get("CI") else "here")
 
 
@@ -253,7 +253,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     with what waits for nothing, which fills the processor that the others leave idle.
     """
     if (share := config.stash[_SHARE]) is not None:
-        in_turn = _in_turn_among(items)
+        in_turn = sorted(filter(_flies_in_turn, items), key=lambda item: item.nodeid)
         left_out = set(in_turn).difference(in_turn[share::SHARES])
         items[:] = [item for item in items if item not in left_out]
         config.hook.pytest_deselected(items=[item for item in in_turn if item in left_out])
@@ -380,17 +380,8 @@ def _workers() -> int:
     return int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1"))
 
 
-def _in_turn_among(items: Sequence[pytest.Item]) -> list[pytest.Item]:
-    """Return what flies in turn, in the order of its names, whatever the order of the tests."""
-    begun: set[tuple[str, str]] = set()
-    found = []
-    for item in items:
-        file = _place(item.path).as_posix()
-        function = (file, item.name.partition("[")[0])
-        if flies_in_turn(file, item.name, is_first=function not in begun):
-            found.append(item)
-        begun.add(function)
-    return sorted(found, key=lambda item: item.nodeid)
+def _flies_in_turn(item: pytest.Item) -> bool:
+    return flies_in_turn(_place(item.path).as_posix(), item.name)
 
 
 def _needs_turn(item: pytest.Item) -> bool:

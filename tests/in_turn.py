@@ -13,8 +13,6 @@ from collections.abc import Mapping
 from pathlib import Path
 
 SHARES = 10
-BUT_THE_FIRST = "[1:]"
-"""Behind a function: the first of its cases flies with each commit, the others in turn."""
 IN_TURN: Mapping[str, tuple[str, ...]] = {
     "campaigns/autonomies/test_gate_autonomy.py": (
         "test_it_flies_through_the_middle_and_stops_behind",
@@ -411,7 +409,6 @@ IN_TURN: Mapping[str, tuple[str, ...]] = {
         "test_a_search_flies_in_the_fence_of_a_bench_and_not_its_vehicle",
     ),
     "plugins/search/test_search_runner.py": (
-        "test_a_missing_extra_is_refused_with_the_remedy_before_anything_is_written[1:]",
         "test_a_search_killed_at_any_batch_goes_on_as_if_it_had_not_been",
     ),
     "plugins/simulator/test_simulator_camera.py": (
@@ -526,17 +523,10 @@ IN_TURN: Mapping[str, tuple[str, ...]] = {
 """Files beneath tests, and their functions that fly in turn; none: all of them."""
 
 
-def flies_in_turn(file: str, test: str, *, is_first: bool = False) -> bool:
-    """Return whether a test flies in turn.
-
-    file: beneath tests; test: `name` or `name[case]`; is_first: whether it is the first of its
-    function's cases.
-    """
-    if (functions := IN_TURN.get(file)) is None:
-        return False
-    name = test.partition("[")[0]
-    others = f"{name}{BUT_THE_FIRST}"
-    return not functions or name in functions or (others in functions and not is_first)
+def flies_in_turn(file: str, test: str) -> bool:
+    """Return whether a test flies in turn. file: beneath tests; test: `name` or `name[case]`."""
+    functions = IN_TURN.get(file)
+    return functions is not None and (not functions or test.partition("[")[0] in functions)
 
 
 def share_of_commit(folder: Path) -> int | None:

@@ -20,7 +20,7 @@ from tests.conftest import (
     _shares,
     _take_core,
 )
-from tests.in_turn import BUT_THE_FIRST, IN_TURN, SHARES, flies_in_turn, share_of_commit
+from tests.in_turn import IN_TURN, SHARES, flies_in_turn, share_of_commit
 
 
 @pytest.mark.parametrize("place", [*FAST, *FLIGHTS, *WALL])
@@ -31,12 +31,9 @@ def test_a_place_that_is_named_is_there(place: str) -> None:
 @pytest.mark.parametrize("place", IN_TURN)
 def test_what_flies_in_turn_is_there(place: str) -> None:
     source = (ROOT / place).read_text("utf-8")
-    for entry in IN_TURN[place]:
-        function = entry.removesuffix(BUT_THE_FIRST)
+    for function in IN_TURN[place]:
         assert f"def {function}(" in source
         assert flies_in_turn(place, f"{function}[a case]")
-        first = flies_in_turn(place, f"{function}[the first]", is_first=True)
-        assert first != entry.endswith(BUT_THE_FIRST)
     assert flies_in_turn(place, "test_another") != bool(IN_TURN[place])
 
 
@@ -62,11 +59,10 @@ def test_a_commit_has_its_share_and_what_is_no_checkout_has_all(
 
 CONFTEST = """\
 import tests.conftest as ours
-import tests.in_turn
 from tests.conftest import pytest_addoption, pytest_report_header
 
 ours.share_of_commit = lambda folder: 1
-tests.in_turn.IN_TURN = {"tests/test_cases.py": ("test_it[1:]", "test_alone")}
+ours._flies_in_turn = lambda item: item.name != "test_it[0]"
 ours._is_among = lambda *_: True
 pytest_configure = ours.pytest_configure
 
@@ -81,7 +77,6 @@ def test_all_tests_leave_out_whose_turn_it_is_not_and_who_names_a_test_flies_it(
 ) -> None:
     monkeypatch.setenv("PYTHONPATH", str(ROOT.parent))
     cases = "import pytest\n@pytest.mark.parametrize('k', range(21))\ndef test_it(k): ...\n"
-    cases += "def test_alone(): ...\n"
     pytester.makepyfile(**{"tests/test_cases": cases})
     pytester.makeini("[pytest]\ntestpaths = tests")
     pytester.makeconftest(CONFTEST)
@@ -90,14 +85,13 @@ def test_all_tests_leave_out_whose_turn_it_is_not_and_who_names_a_test_flies_it(
         return pytester.runpytest_subprocess("-p", "no:wil-campaign", *words)
 
     some = ended()
-    some.assert_outcomes(passed=1 + 2, deselected=19)
+    some.assert_outcomes(passed=1 + 2, deselected=18)
     some.stdout.fnmatch_lines(["in turn: of tests/in_turn.py share 2 of 10, by the commit;*"])
-    assert "test_it[0]" in ended("-v").stdout.str()
-    ended("--all").assert_outcomes(passed=22)
+    ended("--all").assert_outcomes(passed=21)
     ended("-k", "test_it").assert_outcomes(passed=21)
-    ended("--lf").assert_outcomes(passed=22)
+    ended("--lf").assert_outcomes(passed=21)
     ended("-n", "1").assert_outcomes(passed=1 + 2)
-    ended("-n", "1", "tests/test_cases.py").assert_outcomes(passed=22)
+    ended("-n", "1", "tests/test_cases.py").assert_outcomes(passed=21)
 
 
 def test_every_module_that_flies_a_program_is_among_the_flights() -> None:
