@@ -1,10 +1,12 @@
-"""Plugins of the embedded broker: authentication and topic permissions; needs amqtt.
+"""The embedded broker, and its authentication and topic permissions; needs amqtt.
 
-amqtt loads the classes by their names.
+amqtt loads the plugins by their names.
 """
 
+from asyncio import StreamReader, StreamWriter
 from dataclasses import dataclass, field
 
+from amqtt.broker import Broker
 from amqtt.contexts import Action as BrokerAction
 from amqtt.contexts import BaseContext
 from amqtt.plugins.base import BaseAuthPlugin, BaseTopicPlugin
@@ -34,7 +36,24 @@ def _access_of(context: BaseContext) -> BrokerAccess:
     return BrokerAccess(base=config.base, passwords=config.passwords)
 
 
-class CampaignAuth(BaseAuthPlugin):  # type: ignore[misc]  # amqtt is not typed
+class ClosingBroker(Broker):  # type: ignore[misc]  # amqtt is not typed
+    """Closes each connection that it is done with.
+
+    amqtt leaves one open that ended before it said who it is, as a look at the port does: in time
+    there are no more descriptors.
+    """
+
+    async def stream_connected(
+        self, reader: StreamReader, writer: StreamWriter, listener_name: str
+    ) -> None:
+        """Handle a connection to its end."""
+        try:
+            await super().stream_connected(reader, writer, listener_name)
+        finally:
+            writer.close()
+
+
+class CampaignAuth(BaseAuthPlugin):  # type: ignore[misc]  # as above
     """Admits users with a valid password; a last will only for a topic they may publish on."""
 
     Config = _Config

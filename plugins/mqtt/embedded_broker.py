@@ -15,8 +15,9 @@ _PLUGINS = "wil_campaign.plugins.mqtt.broker_plugins"
 async def embedded_broker(address: BrokerAddress, access: BrokerAccess) -> AsyncIterator[None]:
     """Run an MQTT broker at an address. Raises OperatingError when it cannot be started."""
     try:
-        from amqtt.broker import Broker  # noqa: PLC0415 - slow, optional, rarely used
-        from amqtt.errors import BrokerError  # noqa: PLC0415
+        from amqtt.errors import BrokerError  # noqa: PLC0415 - slow, optional, rarely used
+
+        from wil_campaign.plugins.mqtt.broker_plugins import ClosingBroker  # noqa: PLC0415
     except ImportError as error:
         raise OperatingError(
             "an embedded broker needs amqtt: pip install 'wil-campaign[broker]', or name a broker"
@@ -25,7 +26,7 @@ async def embedded_broker(address: BrokerAddress, access: BrokerAccess) -> Async
     for name in ("amqtt", "transitions"):
         logging.getLogger(name).setLevel(logging.CRITICAL)
     users = {"base": access.base, "passwords": dict(access.passwords)}
-    broker = Broker(
+    broker = ClosingBroker(
         {
             "listeners": {"default": {"type": "tcp", "bind": f"{address.host}:{address.port}"}},
             "plugins": {

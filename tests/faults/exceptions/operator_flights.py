@@ -6,7 +6,7 @@ import os
 import shutil
 import tempfile
 import time
-from contextlib import AsyncExitStack
+from contextlib import AsyncExitStack, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -27,7 +27,7 @@ from wil_campaign.orchestrator.campaign.folder.campaign_folder import OutputErro
 from wil_campaign.orchestrator.operator.campaign_controller import CampaignController
 from wil_campaign.orchestrator.operator.errors import OperatingError
 from wil_campaign.orchestrator.operator.operator_channels import open_operator_channels
-from wil_campaign.orchestrator.state.faults import InternalFaults, fault_log
+from wil_campaign.orchestrator.state.faults import InternalFault, InternalFaults, fault_log
 from wil_campaign.plugins.mqtt.broker_address import BrokerAddress
 from wil_campaign.plugins.mqtt.embedded_broker import embedded_broker
 from wil_campaign.plugins.mqtt.mqtt_operator import connected_mqtt_operator
@@ -89,11 +89,15 @@ class OperatorFlights:
 async def _operate(folder: Path, outcome: OperatorOutcome, probe: Probe) -> None:
     """Account for the loop as a campaign does."""
     loop = asyncio.get_running_loop()
-    faults = InternalFaults(
-        time=time.monotonic,
-        log=fault_log(folder / "log.jsonl"),
-        take=lambda fault: outcome.reported.append(f"{fault.text}\n{fault.trace}"),
-    )
+    limit = asyncio.timeout(6 * _PATIENCE_S)
+
+    def report(fault: InternalFault) -> None:
+        outcome.reported.append(f"{fault.text}\n{fault.trace}")
+        # Who waits for what a task that died was to say waits in vain.
+        with suppress(RuntimeError):  # it is over
+            limit.reschedule(loop.time() + _PATIENCE_S / 5)
+
+    faults = InternalFaults(time=time.monotonic, log=fault_log(folder / "log.jsonl"), take=report)
 
     def unhandled(_: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
         error = context.get("exception")
@@ -106,7 +110,7 @@ async def _operate(folder: Path, outcome: OperatorOutcome, probe: Probe) -> None
     controller = make_controller(folder, FakeFleet())
     with account.of(loop):
         try:
-            async with asyncio.timeout(6 * _PATIENCE_S), open_operator_channels(controller):
+            async with limit, open_operator_channels(controller):
                 probe.stage = lambda: "flying"
                 await _use_socket(folder)
                 await _use_broker(controller)

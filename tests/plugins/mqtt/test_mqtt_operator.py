@@ -694,3 +694,17 @@ async def test_a_broker_that_ends_the_connection_for_the_status_is_asked_for_it_
         with suppress(aiomqtt.MqttError):
             await mqtt_operator.MqttOperator._watch_status(operator, client)
     assert asked == ["wil/gate/status"]
+
+
+async def test_a_connection_that_says_nothing_or_nonsense_is_closed_by_the_embedded_broker() -> (
+    None
+):
+    address = BrokerAddress("127.0.0.1", free_port(), embedded=True)
+    async with embedded_broker(address, ACCESS):
+        for said in (b"", b"\x10", b"nonsense") * 8:
+            reader, writer = await asyncio.open_connection(address.host, address.port)
+            writer.write(said)
+            writer.write_eof()
+            async with asyncio.timeout(10):
+                assert await reader.read() == b""
+            writer.close()
